@@ -1,0 +1,50 @@
+//! Role: one learner; its experience and weights stay in its process.
+//!
+//! It joins a run ([`join`]), answers every tick with actions, learns once per round with the rate that
+//! the schedule gives it ([`timetable`]), saves and reports. It publishes actions, progress and scalars,
+//! and nothing else.
+//!
+//! Its state changes only at round edges, in the update call: whenever it has to leave, what it saves is
+//! the last edge.
+
+mod join;
+mod learner;
+mod progress;
+mod timetable;
+mod train;
+
+use std::process::ExitCode;
+use std::sync::mpsc::channel;
+
+use proto::exit;
+
+pub use train::{run, Left};
+
+/// Arguments of the role's process.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    pub common: process::Common,
+    /// Which agent of the team this is, from 0
+    #[arg(long, value_name = "N")]
+    pub id: u32,
+    /// Endpoints to dial: the env-server's and the coordinator's, for example `tcp/192.0.2.7:7447`
+    #[arg(long, value_name = "ENDPOINT", required = true)]
+    pub connect: Vec<String>,
+}
+
+/// The whole process: opens what the arguments say and runs until the run ends.
+pub fn main(arguments: &Arguments) -> ExitCode {
+    let attempt = || {
+        let name = format!("agent-{}", arguments.id);
+        let role = arguments.common.open(&name, vec![], arguments.connect.clone())?;
+        let (inbox, events) = channel();
+        process::stop_on_signals(vec![inbox.clone()])?;
+        run(role.bus, arguments.id, &role.config, &role.folder, inbox, &events, role.wait)
+    };
+    match attempt() {
+        Ok(Left::Finished) => ExitCode::from(exit::DONE),
+        Ok(Left::Stopped) => ExitCode::from(exit::AGAIN),
+        Err(failure) => process::report(&failure),
+    }
+}

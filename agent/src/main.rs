@@ -1,0 +1,22 @@
+//! One learning agent as a process of its own: joins a run, acts, learns, leaves.
+
+use std::process::ExitCode;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// One learning agent: its observations, experience and networks stay in this process
+#[derive(clap::Parser)]
+#[command(name = "rondo-agent", version)]
+struct Cli {
+    #[command(flatten)]
+    arguments: agent::Arguments,
+}
+
+fn main() -> ExitCode {
+    bus::use_one_runtime();
+    match process::parse_arguments::<Cli>() {
+        Ok(cli) => agent::main(&cli.arguments),
+        Err(code) => code,
+    }
+}

@@ -1,0 +1,110 @@
+//! What an agent tells people about its learning: metric rows for the record, scalars for a live display,
+//! and where its time went.
+
+use std::time::{Duration, Instant};
+
+use algos::ppo::UpdateStats;
+use bus::Publisher;
+use proto::codec::encode;
+use proto::control::{Metrics, Rates};
+use serde::{Deserialize, Serialize};
+use store::Row;
+
+/// A display gains nothing from more than this.
+const BETWEEN_SCALARS: Duration = Duration::from_millis(100);
+
+/// Sums over the update calls that no metric row covers yet; part of a checkpoint, so that rows are the
+/// same whether or not a run was interrupted.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Unlogged {
+    update_calls: u64,
+    /// Environment steps at the last row.
+    last_row: u64,
+    sums: Vec<f64>,
+}
+
+/// What a row reports of an update call, in this order.
+fn scalars(stats: &UpdateStats, lr: f64) -> [(&'static str, f64); 9] {
+    [
+        ("actor_loss", stats.actor_loss),
+        ("critic_loss", stats.critic_loss),
+        ("entropy", stats.entropy),
+        ("actor_grad_norm", stats.actor_grad_norm),
+        ("critic_grad_norm", stats.critic_grad_norm),
+        ("clip_fraction", stats.clip_fraction),
+        ("advantage_mean", stats.advantage_mean),
+        ("target_mean", stats.target_mean),
+        ("lr", lr),
+    ]
+}
+
+impl Unlogged {
+    /// Adds an update call after which the run had counted `t_env` environment steps; gives a row of
+    /// means when `interval` steps have passed since the last one.
+    pub fn add(&mut self, stats: &UpdateStats, lr: f64, t_env: u64, update_calls: u64, interval: u64) -> Option<Row> {
+        let scalars = scalars(stats, lr);
+        self.sums.resize(scalars.len(), 0.0);
+        self.update_calls += 1;
+        for (sum, (_, value)) in self.sums.iter_mut().zip(&scalars) {
+            *sum += value;
+        }
+        if t_env - self.last_row < interval {
+            return None;
+        }
+        let count = self.update_calls as f64;
+        let mut row = Row::new(t_env, update_calls);
+        for ((name, _), sum) in scalars.iter().zip(&self.sums) {
+            row = row.with(*name, sum / count);
+        }
+        *self = Self { update_calls: 0, last_row: t_env, sums: vec![] };
+        Some(row)
+    }
+}
+
+/// Publishes scalars for whoever looks, at a rate a person can follow.
+pub struct Display {
+    publisher: Publisher,
+    next: Instant,
+}
+
+impl Display {
+    pub fn new(publisher: Publisher) -> Self {
+        Self { publisher, next: Instant::now() }
+    }
+
+    pub fn show(&mut self, stats: &UpdateStats, lr: f64, rates: &Rates, t_env: u64, update_calls: u64) {
+        if Instant::now() < self.next {
+            return;
+        }
+        self.next = Instant::now() + BETWEEN_SCALARS;
+        let mut named: Vec<_> = scalars(stats, lr).map(|(name, value)| (name.to_owned(), value)).into();
+        named.push(("fast_agent".to_owned(), f64::from(rates.fast_agent)));
+        let message = Metrics { t_env, update_calls, scalars: named };
+        // Best effort: nobody may be looking, and nothing depends on it.
+        let sent = encode(&message).map(|bytes| self.publisher.send(&bytes));
+        tracing::trace!(?sent, "scalars");
+    }
+}
+
+/// Wall time of this process by what it did; reported, never decided upon.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Seconds {
+    /// Forward passes and sampling.
+    pub inference: f64,
+    /// Update calls.
+    pub update: f64,
+    /// Reading and writing messages.
+    pub messages: f64,
+    /// Checkpoints and metric rows.
+    pub disk: f64,
+    /// From the first tick to the last.
+    pub total: f64,
+}
+
+/// Adds the time that `work` took to `account`.
+pub fn timed<R>(account: &mut f64, work: impl FnOnce() -> R) -> R {
+    let start = Instant::now();
+    let result = work();
+    *account += start.elapsed().as_secs_f64();
+    result
+}

@@ -1,0 +1,399 @@
+//! The agent's life from its seat to its last checkpoint.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use bus::{Bus, Event, Inbox, Publisher};
+use process::Failure;
+use proto::codec::{decode, encode};
+use proto::config::Config;
+use proto::control::{Join, Progress, Rates, RatesQuery, Seat};
+use proto::exit;
+use proto::keys::{Key, Keys};
+use proto::stream::stream;
+use proto::tick::{Mode, TickId};
+use proto::{Act, Observe};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+use store::{MetricsWriter, Position, RoleFolder};
+
+use crate::join::take_seat;
+use crate::learner::{owner, Learner};
+use crate::progress::{timed, Display, Seconds, Unlogged};
+use crate::timetable::Timetable;
+
+/// An env-server that is gone may come back, for example after a network's hiccup; after this long the
+/// agent gives up.
+const GRACE: Duration = Duration::from_secs(5);
+
+/// How long one question to the coordinator may take before it is asked again.
+const ASK_AGAIN: Duration = Duration::from_secs(2);
+
+/// Why an agent left without an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Left {
+    /// The run has used its budget.
+    Finished,
+    /// The run, or this agent, was asked to stop; it can be resumed.
+    Stopped,
+}
+
+/// What goes into the role's result.json.
+#[derive(Serialize)]
+struct Report {
+    role: &'static str,
+    update_calls: u64,
+    seconds: Seconds,
+    ignored_messages: u64,
+    traffic: Vec<(String, u64, u64)>,
+}
+
+/// Runs one agent until the run ends.
+///
+/// # Errors
+/// If it gets no seat within `wait`, loses the env-server, hears nothing for `wait`, is told no learning
+/// rate, or the disk fails.
+pub fn run(
+    bus: Arc<dyn Bus>,
+    id: u32,
+    config: &Config,
+    folder: &RoleFolder,
+    inbox: Inbox,
+    events: &Receiver<Event>,
+    wait: Duration,
+) -> Result<Left, Failure> {
+    let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
+    let join = Join {
+        config_digest: config.digest(),
+        nonce: nonce(),
+        checkpoints: folder.checkpoints().rounds()?,
+    };
+    let seat = take_seat(&*bus, &keys, id, &join, events, wait)?;
+    tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, "has a seat");
+
+    let mut agent = Agent::start(bus, keys, id, config, folder, seat, wait)?;
+    // The token comes last: whoever sees it knows that the subscriptions are there.
+    let _schedule = agent.bus.subscribe(&agent.keys.schedule(), inbox.clone())?;
+    let _observe = agent.bus.subscribe(&agent.keys.observe(id), inbox.clone())?;
+    let _world = agent.bus.watch(&agent.keys.alive_world(), inbox)?;
+    let _token = agent.bus.announce(&agent.keys.alive_agent(id))?;
+    agent.live(events)
+}
+
+/// A number that no other process of this run has.
+fn nonce() -> u64 {
+    let mut hasher = std::hash::DefaultHasher::new();
+    std::hash::Hash::hash(&(std::process::id(), std::time::SystemTime::now()), &mut hasher);
+    std::hash::Hasher::finish(&hasher) ^ std::hash::Hasher::finish(&std::hash::BuildHasher::build_hasher(
+        &std::collections::hash_map::RandomState::new(),
+    ))
+}
+
+struct Agent<'a> {
+    bus: Arc<dyn Bus>,
+    keys: Keys,
+    id: u32,
+    config: &'a Config,
+    folder: &'a RoleFolder,
+    seat: Seat,
+    wait: Duration,
+    learner: Learner,
+    timetable: Timetable,
+    metrics: MetricsWriter,
+    unlogged: Unlogged,
+    /// Round of the newest checkpoint.
+    saved: Option<u64>,
+    act: Publisher,
+    progress: Publisher,
+    display: Display,
+    seconds: Seconds,
+    ignored: u64,
+    round: Round,
+}
+
+/// Where in a round the agent is, and its last word.
+struct Round {
+    observe: Observe,
+    reply: Act,
+    reply_bytes: Vec<u8>,
+    /// The tick that `reply_bytes` answers.
+    answered: Option<TickId>,
+    rng: Option<ChaCha8Rng>,
+}
+
+impl<'a> Agent<'a> {
+    fn start(
+        bus: Arc<dyn Bus>,
+        keys: Keys,
+        id: u32,
+        config: &'a Config,
+        folder: &'a RoleFolder,
+        seat: Seat,
+        wait: Duration,
+    ) -> Result<Self, Failure> {
+        let mut learner = Learner::new(config, id, &seat);
+        let checkpoints = folder.checkpoints();
+        let (mut unlogged, mut position) = (Unlogged::default(), Position::START);
+        if seat.round > 0 {
+            let saved = learner.restore(&checkpoints.load(seat.round)?)?;
+            (unlogged, position) = (saved.unlogged, saved.metrics);
+        }
+        checkpoints.discard_after(seat.round)?;
+        Ok(Self {
+            act: bus.publisher(&keys.act(id))?,
+            progress: bus.publisher(&keys.progress(id))?,
+            display: Display::new(bus.best_effort_publisher(&keys.agent_metrics(id))?),
+            metrics: folder.metrics(position)?,
+            saved: (seat.round > 0).then_some(seat.round),
+            bus,
+            keys,
+            id,
+            config,
+            folder,
+            seat,
+            wait,
+            learner,
+            timetable: Timetable::default(),
+            unlogged,
+            seconds: Seconds::default(),
+            ignored: 0,
+            round: Round {
+                observe: Observe::default(),
+                reply: Act::default(),
+                reply_bytes: Vec::new(),
+                answered: None,
+                rng: None,
+            },
+        })
+    }
+
+    fn live(&mut self, events: &Receiver<Event>) -> Result<Left, Failure> {
+        let mut started: Option<Instant> = None;
+        let mut deadline = Instant::now() + self.wait;
+        let mut world_gone = false;
+        let left = loop {
+            match events.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+                Ok(Event::Message { key, payload }) => match self.keys.parse(&key) {
+                    Some(Key::Schedule) => self.hear_rates(&payload),
+                    Some(Key::Observe(_)) => {
+                        let started = started.get_or_insert_with(Instant::now);
+                        (deadline, world_gone) = (Instant::now() + self.wait, false);
+                        if let Some(left) = self.hear_tick(&payload, events)? {
+                            self.seconds.total = started.elapsed().as_secs_f64();
+                            break left;
+                        }
+                    }
+                    _ => self.ignore("a message on a key that says nothing to an agent"),
+                },
+                Ok(Event::Gone { .. }) => {
+                    (deadline, world_gone) = (Instant::now() + GRACE, true);
+                }
+                Ok(Event::Alive { .. }) => (deadline, world_gone) = (Instant::now() + self.wait, false),
+                Ok(Event::Query(_)) => self.ignore("a question"),
+                Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => break Left::Stopped,
+                Err(RecvTimeoutError::Timeout) => {
+                    self.save()?;
+                    return Err(self.abandoned(world_gone));
+                }
+            }
+        };
+        self.save()?;
+        self.folder.write_result(&Report {
+            role: "agent",
+            update_calls: self.learner.update_calls(),
+            seconds: self.seconds,
+            ignored_messages: self.ignored,
+            traffic: self.bus.traffic().into_iter().map(|t| (t.key, t.messages, t.bytes)).collect(),
+        })?;
+        Ok(left)
+    }
+
+    fn ignore(&mut self, what: &str) {
+        self.ignored += 1;
+        tracing::warn!(agent = self.id, what, "ignored");
+    }
+
+    fn hear_rates(&mut self, payload: &[u8]) {
+        match decode::<Rates>(payload) {
+            Ok(rates) => self.timetable.learn(rates),
+            Err(error) => self.ignore(&error.to_string()),
+        }
+    }
+
+    /// Answers a tick; the reason to leave, if it closes the run.
+    fn hear_tick(&mut self, payload: &[u8], events: &Receiver<Event>) -> Result<Option<Left>, Failure> {
+        let mut observe = std::mem::take(&mut self.round.observe);
+        let decoded = timed(&mut self.seconds.messages, || observe.decode(payload));
+        let result = match decoded {
+            Ok(()) => self.take_tick(&observe, events),
+            Err(error) => {
+                self.ignore(&error.to_string());
+                Ok(None)
+            }
+        };
+        self.round.observe = observe;
+        result
+    }
+
+    fn take_tick(&mut self, observe: &Observe, events: &Receiver<Event>) -> Result<Option<Left>, Failure> {
+        let id = observe.id();
+        if self.round.answered == Some(id) {
+            // The env-server has not heard the answer: say it again.
+            self.send_reply()?;
+            return Ok(None);
+        }
+        if id.mode.closes_the_run() && id.epoch == self.seat.epoch {
+            self.reply(id, |_, _| ())?;
+            return Ok(Some(if id.mode == Mode::Finished { Left::Finished } else { Left::Stopped }));
+        }
+        if !self.is_next(&id) || !self.fits(observe) {
+            self.ignored += 1;
+            tracing::debug!(agent = self.id, %id, "ignored a tick that is not the next one");
+            return Ok(None);
+        }
+
+        let learning = id.mode == Mode::Train;
+        if id.tick == 0 {
+            self.learner.begin_round(observe.rows(), learning);
+            let purpose = if learning { "actions" } else { "test-actions" };
+            self.round.rng = Some(stream(self.config.seed, &owner(self.id), purpose, &[id.round]));
+        }
+        let over = observe.running().next().is_none();
+        self.reply(id, |agent, actions| {
+            let rng = agent.round.rng.as_mut().expect("the round has begun");
+            let chosen = timed(&mut agent.seconds.inference, || agent.learner.tick(observe, learning, rng));
+            actions.extend_from_slice(chosen);
+        })?;
+        if over && learning {
+            self.learn(observe.t_env, events)?;
+        }
+        Ok(None)
+    }
+
+    /// Whether a tick is the one after the last answer: the next in its round, or the start of one.
+    fn is_next(&self, id: &TickId) -> bool {
+        let round_is_ours = id.epoch == self.seat.epoch && id.round == self.learner.update_calls();
+        round_is_ours
+            && match self.round.answered {
+                _ if id.tick == 0 => true,
+                Some(last) => *id == TickId { tick: last.tick.wrapping_add(1), ..last },
+                None => false,
+            }
+    }
+
+    /// Whether a tick has the sizes that were agreed on when this agent took its seat.
+    fn fits(&self, observe: &Observe) -> bool {
+        let copies = if observe.mode == Mode::Test { self.seat.test_episodes } else { self.seat.copies };
+        let sizes = (self.seat.obs_size as usize, self.seat.n_actions as usize);
+        (observe.obs_size, observe.n_actions) == sizes
+            && observe.copies.iter().all(|&copy| u32::from(copy) < copies)
+            && (observe.tick > 0 || observe.rows() == copies as usize)
+    }
+
+    /// Fills in an answer to `id` and sends it.
+    fn reply(&mut self, id: TickId, fill: impl FnOnce(&mut Self, &mut Vec<u16>)) -> Result<(), Failure> {
+        let mut reply = std::mem::take(&mut self.round.reply);
+        (reply.mode, reply.epoch, reply.round, reply.tick) = (id.mode, id.epoch, id.round, id.tick);
+        reply.actions.clear();
+        fill(self, &mut reply.actions);
+        timed(&mut self.seconds.messages, || reply.encode(&mut self.round.reply_bytes));
+        self.round.reply = reply;
+        self.round.answered = Some(id);
+        self.send_reply()
+    }
+
+    fn send_reply(&mut self) -> Result<(), Failure> {
+        Ok(timed(&mut self.seconds.messages, || self.act.send(&self.round.reply_bytes))?)
+    }
+
+    /// The update call that ends a round, and what follows from it.
+    fn learn(&mut self, t_env_before: u64, events: &Receiver<Event>) -> Result<(), Failure> {
+        let update_call = self.learner.update_calls();
+        let rates = self.rates(update_call, events)?;
+        let lr = rates.rate_of(self.id).ok_or_else(|| {
+            let text = format!("the schedule has {} agents and none with id {}", rates.levels.len(), self.id);
+            Failure::new(exit::CONFIG, text)
+        })?;
+        let t_env = t_env_before + self.learner.steps();
+        let stats = timed(&mut self.seconds.update, || self.learner.update(lr));
+        let update_calls = self.learner.update_calls();
+        let told = encode(&Progress { update_calls }).map_err(|error| Failure::new(exit::BUG, error))?;
+        self.progress.send(&told)?;
+        self.display.show(&stats, lr, &rates, t_env, update_calls);
+        self.timetable.forget_before(update_calls);
+        if let Some(row) = self.unlogged.add(&stats, lr, t_env, update_calls, self.config.log.interval) {
+            let mut disk = 0.0;
+            timed(&mut disk, || self.metrics.append(&row))?;
+            self.seconds.disk += disk;
+        }
+        if update_calls % self.config.save.interval == 0 {
+            self.save()?;
+        }
+        Ok(())
+    }
+
+    /// What the schedule says of an update call. Waits for it: an update call that no schedule covers is
+    /// never made.
+    fn rates(&mut self, update_call: u64, events: &Receiver<Event>) -> Result<Rates, Failure> {
+        // What has arrived meanwhile may be it; ticks cannot be among it, the env-server waits for us.
+        let deadline = Instant::now() + self.wait;
+        let question =
+            encode(&RatesQuery { update_call }).map_err(|error| Failure::new(exit::BUG, error))?;
+        loop {
+            if let Some(rates) = self.timetable.covering(update_call) {
+                return Ok(rates.clone());
+            }
+            if let Some(reply) = self.bus.ask(&self.keys.schedule(), &question, ASK_AGAIN)? {
+                self.hear_rates(&reply);
+                continue;
+            }
+            if Instant::now() >= deadline {
+                return Err(Failure::new(
+                    exit::AGAIN,
+                    format!(
+                        "no schedule covers update call {update_call}: the coordinator did not answer on `{}` within \
+                         {:?}\nhint: is it running, and its endpoint among the `--connect`?",
+                        self.keys.schedule(),
+                        self.wait
+                    ),
+                ));
+            }
+            match events.recv_timeout(Duration::from_millis(50)) {
+                Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => {
+                    let text = format!("agent {} was stopped while it waited for a schedule", self.id);
+                    return Err(Failure::new(exit::AGAIN, text));
+                }
+                Ok(Event::Message { key, payload }) if self.keys.parse(&key) == Some(Key::Schedule) => {
+                    self.hear_rates(&payload);
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Saves the round edge that this agent is at, unless that has been done.
+    fn save(&mut self) -> Result<(), Failure> {
+        let round = self.learner.update_calls();
+        if self.saved == Some(round) || round == 0 {
+            return Ok(());
+        }
+        let start = Instant::now();
+        let position = self.metrics.sync()?;
+        self.folder.checkpoints().save(&self.learner.checkpoint(&self.unlogged, position))?;
+        self.seconds.disk += start.elapsed().as_secs_f64();
+        self.saved = Some(round);
+        Ok(())
+    }
+
+    fn abandoned(&self, world_gone: bool) -> Failure {
+        let (round, saved) = (self.learner.update_calls(), "its checkpoint is saved");
+        let what = if world_gone {
+            format!("the env-server has left run `{}` in round {round}", self.config.run)
+        } else {
+            format!("the env-server said nothing for {:?} in round {round}", self.wait)
+        };
+        let hint = "start the env-server again, then this agent with the same arguments";
+        Failure::new(exit::AGAIN, format!("agent {} is alone: {what}; {saved}\nhint: {hint}", self.id))
+    }
+}

@@ -1,0 +1,19 @@
+//! The learners, one file per published algorithm, and the kernels they run on.
+//!
+//! Pure: slices of numbers go in, numbers come out. This crate does not know that processes, worlds,
+//! files or a bus exist. Every matrix is row-major `f32`; every learner is single-threaded and sums in
+//! one fixed order, so that the same inputs give the same bits.
+//!
+//! Reading order: [`ppo`] is the algorithm; [`rollout`] is what it learns from; [`returns`],
+//! [`reward_stats`] and [`adam`] are its parts; [`network`] and [`kernels`] are the arithmetic.
+
+pub mod ppo;
+pub mod rollout;
+
+pub mod adam;
+pub mod network;
+pub mod params;
+pub mod returns;
+pub mod reward_stats;
+
+pub mod kernels;

@@ -1,0 +1,406 @@
+//! Independent PPO, one learner per agent. Steps and symbols are those of spec §4.1.
+//!
+//! ```text
+//! V̄      = target critic on o_0 … o_T                          G = n-step return (§4.3)
+//! repeat for every epoch, over the full batch:
+//!   A     = G − V                                              V before this epoch's critic step
+//!   critic loss = Σ m (G − V)² / Σ m                           clip, Adam
+//!   ρ     = exp( log(π(a)+1e-10) − log(p_old+1e-10) )
+//!   S     = min( ρ A, clip(ρ, 1−ε, 1+ε) A )                    H = −Σ_a π(a) log(π(a)+1e-10)
+//!   actor loss  = −Σ m (S + c_ent H) / Σ m                     clip, Adam
+//! target critic update (§4.4)
+//! ```
+//!
+//! The sums run over the team in the reference, so that one agent's gradient is `1/n` of its own mean
+//! loss (§3.3); the factor is kept because it matters for the clip, whose norm is this agent's alone
+//! (`clip_scope = per_agent`): agents never see each other's gradients.
+//!
+//! Multi-timescale learning (§6) is no other algorithm: the caller passes this call's learning rates,
+//! and Adam's moments are kept when they change. Absent on purpose: GAE, advantage normalisation,
+//! minibatches, value clipping, early stopping, rate decay.
+
+mod batch;
+mod loss;
+
+use rand::Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::adam::{clip, Adam};
+use crate::network::{ActWork, Activations, Kind, Network};
+use crate::params::initial;
+use crate::returns::EndOfBatch;
+use crate::reward_stats::{RewardStats, Standardisation};
+use crate::rollout::Rollout;
+use batch::Batch;
+
+/// Hyperparameters of one learner; defaults and sources are in spec §§4.2, 9.1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Shape of the actor; the critic is always feed-forward (§1.2).
+    pub actor: Kind,
+    /// Hidden width of actor and critic, `H`.
+    pub hidden: usize,
+    /// Number of learning agents, `n`.
+    pub agents: usize,
+    /// Discount, γ.
+    pub gamma: f32,
+    /// Passes over the batch per update call, `E`.
+    pub epochs: usize,
+    /// Clip range of the ratio, ε.
+    pub clip: f32,
+    /// Weight of the entropy, `c_ent`.
+    pub entropy_coef: f32,
+    /// Steps of the return, `N`.
+    pub n_step: usize,
+    /// Above 1: a hard copy every that many update calls. Otherwise Polyak's τ.
+    pub target_update: f64,
+    /// Largest L2 norm of actor's and critic's gradient, each.
+    pub max_grad_norm: f64,
+    /// What a return does at the end of the batch.
+    pub end_of_batch: EndOfBatch,
+    /// Reward standardisation.
+    pub reward_standardisation: Standardisation,
+    /// At learning rate 0 Adam's moments stand still too (`hold`) instead of following the gradient.
+    pub hold_frozen_moments: bool,
+}
+
+/// What one update call reports: means over its epochs.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct UpdateStats {
+    /// `−Σ m (S + c_ent H) / Σ m`, this agent's own mean.
+    pub actor_loss: f64,
+    /// `Σ m (G − V)² / Σ m`, this agent's own mean.
+    pub critic_loss: f64,
+    /// Mean entropy of the policy in nats.
+    pub entropy: f64,
+    /// L2 norm of the actor's gradient before clipping.
+    pub actor_grad_norm: f64,
+    /// L2 norm of the critic's gradient before clipping.
+    pub critic_grad_norm: f64,
+    /// Share of steps whose ratio lies outside `[1−ε, 1+ε]`.
+    pub clip_fraction: f64,
+    /// Mean of `A`.
+    pub advantage_mean: f64,
+    /// Mean of `G`.
+    pub target_mean: f64,
+}
+
+/// Everything small that a checkpoint keeps beside the tensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Update calls completed.
+    pub update_calls: u64,
+    /// Value of `update_calls` at the last hard copy of the target critic.
+    pub last_target_copy: u64,
+    /// Adam steps of the actor.
+    pub actor_steps: u64,
+    /// Adam steps of the critic.
+    pub critic_steps: u64,
+    /// Running reward statistics.
+    pub reward_stats: RewardStats,
+}
+
+/// A named tensor borrowed from a learner: name, shape, values.
+pub type NamedTensor<'a> = (String, Vec<usize>, &'a [f32]);
+
+/// A saved learner does not fit this one.
+#[derive(Debug, thiserror::Error, PartialEq)]
+pub enum RestoreError {
+    /// A tensor is not there.
+    #[error("the checkpoint has no tensor `{0}`; it was written by a learner of another kind")]
+    Missing(String),
+    /// A tensor has another size.
+    #[error("tensor `{name}` has {found} numbers, this learner needs {expected}; network or task differ")]
+    Size {
+        /// Its name.
+        name: String,
+        /// Numbers this learner needs.
+        expected: usize,
+        /// Numbers in the checkpoint.
+        found: usize,
+    },
+}
+
+/// One agent's learner: actor, critic, target critic and their optimisers.
+#[derive(Clone, Debug)]
+pub struct Ppo {
+    config: Config,
+    actor: Network,
+    critic: Network,
+    actor_values: Vec<f32>,
+    critic_values: Vec<f32>,
+    target_values: Vec<f32>,
+    actor_adam: Adam,
+    critic_adam: Adam,
+    reward_stats: RewardStats,
+    update_calls: u64,
+    last_target_copy: u64,
+    acting: Acting,
+    work: Work,
+}
+
+/// Recurrent states of the environment copies and the buffers of a tick.
+#[derive(Clone, Debug, Default)]
+struct Acting {
+    /// `copies × H`.
+    states: Vec<f32>,
+    /// States of the rows of this tick.
+    rows: Vec<f32>,
+    network: ActWork,
+}
+
+/// Buffers of an update call, kept so that none is allocated twice.
+#[derive(Clone, Debug, Default)]
+struct Work {
+    batch: Batch,
+    actor: Activations,
+    critic: Activations,
+    actor_gradient: Vec<f32>,
+    critic_gradient: Vec<f32>,
+    advantages: Vec<f32>,
+    d_values: Vec<f32>,
+    d_logits: Vec<f32>,
+    log_p_old: Vec<f32>,
+}
+
+impl Ppo {
+    /// A fresh learner; `rng` gives the initial weights of the actor, then of the critic (§1.3).
+    pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
+        let actor = Network { kind: config.actor, inputs: obs_size, hidden: config.hidden, outputs: n_actions };
+        let critic = Network { kind: Kind::Fc, outputs: 1, ..actor };
+        let actor_values = initial(&actor.blocks(), rng);
+        let critic_values = initial(&critic.blocks(), rng);
+        Self {
+            actor_adam: Adam::new(actor_values.len()),
+            critic_adam: Adam::new(critic_values.len()),
+            target_values: critic_values.clone(),
+            reward_stats: RewardStats::default(),
+            update_calls: 0,
+            last_target_copy: 0,
+            acting: Acting::default(),
+            work: Work {
+                actor_gradient: vec![0.0; actor_values.len()],
+                critic_gradient: vec![0.0; critic_values.len()],
+                ..Work::default()
+            },
+            config,
+            actor,
+            critic,
+            actor_values,
+            critic_values,
+        }
+    }
+
+    /// Update calls completed, the `u` of the schedule.
+    pub fn update_calls(&self) -> u64 {
+        self.update_calls
+    }
+
+    /// Starts an episode in each of `copies` environment copies: recurrent states are zero.
+    pub fn begin_round(&mut self, copies: usize) {
+        self.acting.states.clear();
+        self.acting.states.resize(copies * self.config.hidden, 0.0);
+    }
+
+    /// Samples one action for each row from the policy, with probability zero for forbidden ones.
+    ///
+    /// Row `k` shows environment copy `copies[k]`: `obs` is `rows × obs_size`, `avail` is
+    /// `rows × n_actions`. Draws exactly one number per row from `rng`.
+    pub fn act(&mut self, copies: &[u16], obs: &[f32], avail: &[u8], rng: &mut impl Rng, actions: &mut Vec<u16>) {
+        let hidden = self.config.hidden;
+        let Acting { states, rows, network } = &mut self.acting;
+        rows.clear();
+        for &copy in copies {
+            rows.extend_from_slice(&states[usize::from(copy) * hidden..][..hidden]);
+        }
+        self.actor.act(&self.actor_values, obs, copies.len(), rows, network);
+        for (row, &copy) in rows.chunks_exact(hidden).zip(copies) {
+            states[usize::from(copy) * hidden..][..hidden].copy_from_slice(row);
+        }
+        let n_actions = self.actor.outputs;
+        actions.clear();
+        for (logits, avail) in network.out.chunks_exact_mut(n_actions).zip(avail.chunks_exact(n_actions)) {
+            loss::softmax(logits, avail);
+            actions.push(loss::sample(logits, rng.random()));
+        }
+    }
+
+    /// One update call on a finished round, with learning rate `lr` for actor and critic in all epochs.
+    ///
+    /// # Panics
+    /// If there is an episode without steps.
+    pub fn update(&mut self, rollout: &Rollout, lr: f64) -> UpdateStats {
+        let mut batch = std::mem::take(&mut self.work.batch);
+        batch.fill(rollout, self.actor.inputs, self.actor.outputs);
+        self.reward_stats.standardise(self.config.reward_standardisation, &mut batch.rewards);
+        self.compute_returns(&mut batch);
+
+        let mut sum = UpdateStats::default();
+        for epoch in 0..self.config.epochs {
+            self.critic_step(&batch, lr, &mut sum);
+            self.actor_step(&batch, epoch, lr, &mut sum);
+        }
+        self.work.batch = batch;
+        self.update_calls += 1;
+        self.update_target();
+        sum.scaled(1.0 / self.config.epochs as f64)
+    }
+
+    /// Values of the target critic and, from them, `G` of every step: the same in all epochs.
+    fn compute_returns(&mut self, batch: &mut Batch) {
+        let to = &mut self.work.critic;
+        self.critic.forward(&self.target_values, &batch.obs, &batch.steps, to);
+        batch.scatter_values(&to.out);
+        self.critic.forward(&self.target_values, &batch.final_obs, &batch.final_steps(), to);
+        batch.place_final_values(&to.out);
+        batch.compute_returns(self.config.n_step, self.config.gamma, self.config.end_of_batch);
+    }
+
+    fn critic_step(&mut self, batch: &Batch, lr: f64, sum: &mut UpdateStats) {
+        let Work { critic: to, critic_gradient: gradient, advantages, d_values, .. } = &mut self.work;
+        let rows = batch.steps.rows() as f64;
+        // dL/dV = 2 (V − G) / (n Σ m)
+        let scale = (2.0 / (rows * self.config.agents as f64)) as f32;
+        self.critic.forward(&self.critic_values, &batch.obs, &batch.steps, to);
+        advantages.clear();
+        advantages.extend(batch.returns.iter().zip(&to.out).map(|(g, v)| g - v));
+        d_values.clear();
+        d_values.extend(advantages.iter().map(|a| -a * scale));
+        self.critic.backward(&self.critic_values, &batch.obs, &batch.steps, d_values, to, gradient);
+        let (norm, factor) = clip(gradient, self.config.max_grad_norm);
+        if lr > 0.0 || !self.config.hold_frozen_moments {
+            self.critic_adam.step(&mut self.critic_values, gradient, factor, lr);
+        }
+        let mean = |f: &dyn Fn(f64) -> f64, x: &[f32]| x.iter().map(|&x| f(f64::from(x))).sum::<f64>() / rows;
+        sum.critic_loss += mean(&|a| a * a, advantages);
+        sum.advantage_mean += mean(&|a| a, advantages);
+        sum.target_mean += mean(&|g| g, &batch.returns);
+        sum.critic_grad_norm += norm;
+    }
+
+    fn actor_step(&mut self, batch: &Batch, epoch: usize, lr: f64, sum: &mut UpdateStats) {
+        let Work { actor: to, actor_gradient: gradient, advantages, d_logits, log_p_old, .. } = &mut self.work;
+        self.actor.forward(&self.actor_values, &batch.obs, &batch.steps, to);
+        let terms = loss::Terms {
+            avail: &batch.avail,
+            actions: &batch.actions,
+            advantages,
+            clip: self.config.clip,
+            entropy_coef: self.config.entropy_coef,
+            scale: 1.0 / (batch.steps.rows() as f32 * self.config.agents as f32),
+        };
+        if epoch == 0 {
+            // The actor is still the one that acted, so this forward pass gives p_old.
+            terms.log_probabilities(&to.out, log_p_old);
+        }
+        let found = terms.gradient(&to.out, log_p_old, d_logits);
+        self.actor.backward(&self.actor_values, &batch.obs, &batch.steps, d_logits, to, gradient);
+        let (norm, factor) = clip(gradient, self.config.max_grad_norm);
+        if lr > 0.0 || !self.config.hold_frozen_moments {
+            self.actor_adam.step(&mut self.actor_values, gradient, factor, lr);
+        }
+        sum.actor_loss += found.loss;
+        sum.entropy += found.entropy;
+        sum.clip_fraction += found.clip_fraction;
+        sum.actor_grad_norm += norm;
+    }
+
+    /// §4.4: the counter is update calls, not epochs; the rate plays no part.
+    fn update_target(&mut self) {
+        if self.config.target_update > 1.0 {
+            if (self.update_calls - self.last_target_copy) as f64 >= self.config.target_update {
+                self.target_values.copy_from_slice(&self.critic_values);
+                self.last_target_copy = self.update_calls;
+            }
+        } else {
+            let tau = self.config.target_update as f32;
+            for (target, value) in self.target_values.iter_mut().zip(&self.critic_values) {
+                *target = (1.0 - tau) * *target + tau * value;
+            }
+        }
+    }
+
+    /// All tensors of the learner, named; those of the optimisers start with `adam.`.
+    pub fn tensors(&self) -> Vec<NamedTensor<'_>> {
+        let mut tensors = Vec::new();
+        for (owner, network, values) in self.vectors() {
+            let mut rest = values.as_slice();
+            for block in network.blocks() {
+                let values = crate::params::take(&mut rest, block.len());
+                tensors.push((format!("{owner}.{}", block.name), block.shape, values));
+            }
+        }
+        tensors
+    }
+
+    fn vectors(&self) -> [(&'static str, &Network, &Vec<f32>); 7] {
+        [
+            ("actor", &self.actor, &self.actor_values),
+            ("critic", &self.critic, &self.critic_values),
+            ("target_critic", &self.critic, &self.target_values),
+            ("adam.actor.m", &self.actor, &self.actor_adam.m),
+            ("adam.actor.v", &self.actor, &self.actor_adam.v),
+            ("adam.critic.m", &self.critic, &self.critic_adam.m),
+            ("adam.critic.v", &self.critic, &self.critic_adam.v),
+        ]
+    }
+
+    /// The small part of a checkpoint.
+    pub fn counters(&self) -> Counters {
+        Counters {
+            update_calls: self.update_calls,
+            last_target_copy: self.last_target_copy,
+            actor_steps: self.actor_adam.steps,
+            critic_steps: self.critic_adam.steps,
+            reward_stats: self.reward_stats,
+        }
+    }
+
+    /// Puts a saved learner back; `tensor` finds the numbers of a name.
+    ///
+    /// # Errors
+    /// If a tensor is missing or has another size; this learner is then unchanged.
+    pub fn restore<'a>(
+        &mut self,
+        counters: &Counters,
+        tensor: impl Fn(&str) -> Option<&'a [f32]>,
+    ) -> Result<(), RestoreError> {
+        let mut found = Vec::new();
+        for (owner, network, values) in self.vectors() {
+            let mut whole = Vec::with_capacity(values.len());
+            for block in network.blocks() {
+                let name = format!("{owner}.{}", block.name);
+                let numbers = tensor(&name).ok_or_else(|| RestoreError::Missing(name.clone()))?;
+                if numbers.len() != block.len() {
+                    return Err(RestoreError::Size { name, expected: block.len(), found: numbers.len() });
+                }
+                whole.extend_from_slice(numbers);
+            }
+            found.push(whole);
+        }
+        let vectors: [Vec<f32>; 7] = found.try_into().expect("one vector was read for each");
+        let [actor, critic, target, actor_m, actor_v, critic_m, critic_v] = vectors;
+        (self.actor_values, self.critic_values, self.target_values) = (actor, critic, target);
+        self.actor_adam = Adam { m: actor_m, v: actor_v, steps: counters.actor_steps };
+        self.critic_adam = Adam { m: critic_m, v: critic_v, steps: counters.critic_steps };
+        self.reward_stats = counters.reward_stats;
+        self.update_calls = counters.update_calls;
+        self.last_target_copy = counters.last_target_copy;
+        Ok(())
+    }
+}
+
+impl UpdateStats {
+    fn scaled(self, by: f64) -> Self {
+        Self {
+            actor_loss: self.actor_loss * by,
+            critic_loss: self.critic_loss * by,
+            entropy: self.entropy * by,
+            actor_grad_norm: self.actor_grad_norm * by,
+            critic_grad_norm: self.critic_grad_norm * by,
+            clip_fraction: self.clip_fraction * by,
+            advantage_mean: self.advantage_mean * by,
+            target_mean: self.target_mean * by,
+        }
+    }
+}

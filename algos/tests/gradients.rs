@@ -1,0 +1,84 @@
+//! Every hand-written backward pass against central finite differences of its own forward pass.
+
+use algos::kernels::gru::Steps;
+use algos::network::{Activations, Kind, Network};
+use algos::params::initial;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// `Σ w ⊙ out`, a loss whose gradient by the output is `w`; summed in double precision.
+fn loss(network: &Network, values: &[f32], obs: &[f32], steps: &Steps, w: &[f32]) -> f64 {
+    let mut to = Activations::default();
+    network.forward(values, obs, steps, &mut to);
+    to.out.iter().zip(w).map(|(o, w)| f64::from(*o) * f64::from(*w)).sum()
+}
+
+/// Finite differences in single precision are good to a few 1e-3 with this step; the tolerance is
+/// relative to the largest gradient, and 60 parameters spread over every tensor are tried.
+fn check(kind: Kind, outputs: usize, lengths: &[usize]) {
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let network = Network { kind, inputs: 4, hidden: 9, outputs };
+    let steps = Steps::of_lengths(lengths);
+    let values = initial(&network.blocks(), &mut rng);
+    let obs: Vec<f32> = (0..steps.rows() * 4).map(|_| rng.random_range(-1.0..1.0)).collect();
+    let w: Vec<f32> = (0..steps.rows() * outputs).map(|_| rng.random_range(-1.0..1.0)).collect();
+
+    let mut to = Activations::default();
+    let mut gradient = vec![f32::NAN; values.len()];
+    network.forward(&values, &obs, &steps, &mut to);
+    network.backward(&values, &obs, &steps, &w, &mut to, &mut gradient);
+    assert!(gradient.iter().all(|g| g.is_finite()), "every parameter has a gradient");
+
+    let scale = gradient.iter().fold(0.0f32, |m, g| m.max(g.abs()));
+    let mut start = 0;
+    for block in network.blocks() {
+        let stride = (block.len() / 8).max(1);
+        for i in (start..start + block.len()).step_by(stride) {
+            let at = |h: f32| {
+                let mut moved = values.clone();
+                moved[i] += h;
+                (loss(&network, &moved, &obs, &steps, &w), f64::from(moved[i]))
+            };
+            // The step a float really made, not the one that was asked for.
+            let ((up, x_up), (down, x_down)) = (at(2e-3), at(-2e-3));
+            let expected = (up - down) / (x_up - x_down);
+            let error = (f64::from(gradient[i]) - expected).abs();
+            assert!(error < 2e-3 * f64::from(scale), "{} {i}: {} {expected}", block.name, gradient[i]);
+        }
+        start += block.len();
+    }
+}
+
+#[test]
+fn actor_and_critic_gradients_of_the_feed_forward_network() {
+    check(Kind::Fc, 5, &[3, 3, 2]);
+    check(Kind::Fc, 1, &[4]);
+}
+
+#[test]
+fn recurrent_gradients_through_time_with_episodes_of_different_lengths() {
+    check(Kind::Gru, 5, &[7, 7, 4, 1]);
+    check(Kind::Gru, 3, &[1]);
+    check(Kind::Gru, 2, &[20]);
+}
+
+#[test]
+fn acting_step_by_step_gives_the_outputs_of_the_training_pass() {
+    let mut rng = ChaCha8Rng::seed_from_u64(2);
+    for kind in [Kind::Fc, Kind::Gru] {
+        let network = Network { kind, inputs: 4, hidden: 16, outputs: 3 };
+        let values = initial(&network.blocks(), &mut rng);
+        let steps = Steps::of_lengths(&[6, 6]);
+        let obs: Vec<f32> = (0..12 * 4).map(|_| rng.random_range(-1.0..1.0)).collect();
+        let mut to = Activations::default();
+        network.forward(&values, &obs, &steps, &mut to);
+        let mut state = vec![0.0; 2 * 16];
+        let mut work = Default::default();
+        for t in 0..6 {
+            network.act(&values, &obs[t * 8..(t + 1) * 8], 2, &mut state, &mut work);
+            for (a, b) in work.out.iter().zip(&to.out[t * 6..(t + 1) * 6]) {
+                assert!((a - b).abs() < 1e-6, "step {t}: {a} {b}");
+            }
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Endpoints: what the user may write, and what can be said about one before or after zenoh tries it.
+
+use std::io;
+use std::net::{TcpListener, TcpStream, ToSocketAddrs};
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crate::Error;
+
+/// The longest path of a Unix socket: `sun_path` has 108 bytes, one of them for the closing zero.
+const MAX_PATH_BYTES: usize = 107;
+
+/// Long enough for a connection to any host that is up; only used to name the culprit in an error.
+const PROBE_TIMEOUT: Duration = Duration::from_millis(250);
+
+/// A place to listen on or to dial.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Endpoint {
+    /// `unixsock-stream/PATH`
+    Unix(PathBuf),
+    /// `tcp/HOST:PORT`; the host may be a name, an IPv4 address or an IPv6 address in brackets.
+    Tcp { host: String, port: u16 },
+}
+
+impl Endpoint {
+    pub(crate) fn parse(text: &str) -> Result<Self, Error> {
+        let fail = |reason: String| Error::Endpoint { endpoint: text.into(), reason };
+        // zenoh gives `?` and `#` a meaning in endpoints, and a line break is never meant.
+        if let Some(c) = text.chars().find(|&c| c == '?' || c == '#' || c.is_control()) {
+            return Err(fail(format!("{c:?} is not allowed")));
+        }
+        match text.split_once('/') {
+            Some(("unixsock-stream", "")) => Err(fail("the path is missing".into())),
+            Some(("unixsock-stream", path)) if path.len() > MAX_PATH_BYTES => Err(fail(format!(
+                "the path has {} bytes and a Unix socket allows {MAX_PATH_BYTES}, take a shorter folder",
+                path.len()
+            ))),
+            Some(("unixsock-stream", path)) => Ok(Self::Unix(path.into())),
+            Some(("tcp", address)) => {
+                let (host, port) =
+                    address.rsplit_once(':').ok_or_else(|| fail("the port is missing".into()))?;
+                if host.is_empty() {
+                    return Err(fail("the host is missing".into()));
+                }
+                let port = port.parse().map_err(|_| fail(format!("`{port}` is not a port")))?;
+                Ok(Self::Tcp { host: host.into(), port })
+            }
+            Some((protocol, _)) => Err(fail(format!("`{protocol}` is not a protocol of this bus"))),
+            None => Err(fail("the protocol is missing".into())),
+        }
+    }
+
+    /// Refuses what is in use or cannot be bound, with the reason that the operating system gives, and
+    /// fills in a port that was given as 0.
+    ///
+    /// zenoh tells these cases apart in prose only, and does not say on which port it listens. Somebody
+    /// else can take the port between this and zenoh's own bind; zenoh then reports that.
+    pub(crate) fn ready_to_listen(&self) -> Result<Self, Error> {
+        match self {
+            Self::Unix(path) => {
+                if UnixStream::connect(path).is_ok() {
+                    let hint = "another process of this run is alive; stop it, or choose another run folder";
+                    return Err(Error::InUse { endpoint: self.to_string(), hint });
+                }
+                let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+                match folder.map(std::fs::metadata) {
+                    Some(Err(error)) => Err(self.cannot_listen(&error)),
+                    _ => Ok(self.clone()),
+                }
+            }
+            Self::Tcp { host, .. } => match TcpListener::bind(self.address()).and_then(|l| l.local_addr()) {
+                Ok(bound) => Ok(Self::Tcp { host: host.clone(), port: bound.port() }),
+                Err(error) if error.kind() == io::ErrorKind::AddrInUse => {
+                    let hint =
+                        "stop the process that listens there, choose another port, or port 0 for a free one";
+                    Err(Error::InUse { endpoint: self.to_string(), hint })
+                }
+                Err(error) => Err(self.cannot_listen(&error)),
+            },
+        }
+    }
+
+    /// Whether anybody accepts connections here.
+    pub(crate) fn answers(&self) -> bool {
+        match self {
+            Self::Unix(path) => UnixStream::connect(path).is_ok(),
+            Self::Tcp { .. } => {
+                let Ok(mut addresses) = self.address().to_socket_addrs() else { return false };
+                addresses.any(|address| TcpStream::connect_timeout(&address, PROBE_TIMEOUT).is_ok())
+            }
+        }
+    }
+
+    fn address(&self) -> String {
+        match self {
+            Self::Unix(path) => path.display().to_string(),
+            Self::Tcp { host, port } => format!("{host}:{port}"),
+        }
+    }
+
+    fn cannot_listen(&self, error: &io::Error) -> Error {
+        Error::Listen { endpoint: self.to_string(), reason: error.to_string() }
+    }
+}
+
+impl std::fmt::Display for Endpoint {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let protocol = match self {
+            Self::Unix(_) => "unixsock-stream",
+            Self::Tcp { .. } => "tcp",
+        };
+        write!(f, "{protocol}/{}", self.address())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn endpoints_read_back_as_written() {
+        for text in [
+            "unixsock-stream//run/dir/bus.sock",
+            "unixsock-stream/bus.sock",
+            "tcp/10.0.0.5:7447",
+            "tcp/[::1]:0",
+        ] {
+            assert_eq!(Endpoint::parse(text).unwrap().to_string(), text);
+        }
+    }
+
+    #[test]
+    fn what_is_no_endpoint_is_refused_with_the_reason() {
+        let long = format!("unixsock-stream/{}", "x".repeat(108));
+        for (text, reason) in [
+            ("", "the protocol is missing"),
+            ("localhost:7447", "the protocol is missing"),
+            ("udp/1.2.3.4:7447", "`udp` is not a protocol of this bus"),
+            ("tcp/1.2.3.4", "the port is missing"),
+            ("tcp/:7447", "the host is missing"),
+            ("tcp/1.2.3.4:77777", "`77777` is not a port"),
+            ("unixsock-stream/", "the path is missing"),
+            ("tcp/1.2.3.4:7447#iface=lo", "'#' is not allowed"),
+            (&long, "the path has 108 bytes and a Unix socket allows 107, take a shorter folder"),
+        ] {
+            let error = Endpoint::parse(text).unwrap_err();
+            assert_eq!(error, Error::Endpoint { endpoint: text.into(), reason: reason.into() });
+        }
+        assert!(Endpoint::parse(&long[..long.len() - 1]).is_ok());
+    }
+}

@@ -1,0 +1,189 @@
+//! The message bus: zenoh between processes, the same interface in memory.
+//!
+//! The only crate that names zenoh. Its API has no generics and no async, so that the crates above
+//! neither instantiate zenoh's generics again nor need a runtime.
+//!
+//! # Shape
+//!
+//! A star of peers. Roles that serve listen on explicit endpoints, all others dial them and listen
+//! nowhere; scouting is off. Peers do not forward, so a dialling side receives what the listening side
+//! sends it and nothing that another dialling side published. A router in the middle would add two hops
+//! to every message and would forward between agents.
+//!
+//! # Order
+//!
+//! - Messages on one key from one side arrive in the order they were sent, none lost while the link
+//!   lives. Across a reconnect delivery is at most once: messages that matter carry a number and can be
+//!   asked for again.
+//! - [`open`] returns when every listening side has told what it subscribes to and serves, so what is
+//!   sent next reaches it. In the other direction: subscribe first, then ask or announce. Whoever
+//!   sees the query or the token already knows of the subscription.
+//! - A publication that nobody subscribes to is dropped where it was sent.
+//!
+//! # Threads
+//!
+//! zenoh normally starts five runtimes and hands each message from thread to thread between them; with
+//! one shared runtime ([`use_one_runtime`]) the thread that polls a socket also reads it, which makes
+//! the round trip about 1.5 times faster. The price: nothing may ever block that runtime. A publication from inside a
+//! callback can do so when the queue is full (measured: the session is closed and data lost while
+//! every send says it succeeded). Therefore callbacks here only push an [`Event`] into the inbox, and
+//! everything else happens on the caller's own threads. The inbox is unbounded: a role reads it.
+//!
+//! # Liveness
+//!
+//! A process that is killed closes its sockets: its tokens are gone within milliseconds. One that is
+//! stopped or cut off without a word keeps its session for the lease of 10 s, so that a pause of some
+//! seconds costs nothing.
+
+mod endpoint;
+mod error;
+mod faults;
+mod key;
+mod ledger;
+mod memory;
+mod zenoh;
+
+use std::any::Any;
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+pub use error::Error;
+pub use ledger::{recorded, Ledger, Record, Sink, Traffic};
+pub use memory::{memory, MemoryHub};
+pub use zenoh::{open, use_one_runtime, Options, LOW_LATENCY_MAX_BYTES};
+
+/// What arrives in a role's inbox.
+#[derive(Debug)]
+pub enum Event {
+    /// A publication on a key that this side subscribes to.
+    Message {
+        /// The key it was published on; shared with the subscription when that names one exact key.
+        key: Arc<str>,
+        /// The bytes as they were sent.
+        payload: Vec<u8>,
+    },
+    /// A question on a key that this side serves.
+    Query(Query),
+    /// A token on a watched key is present: it was so already, or it has just been announced.
+    Alive {
+        /// The key of the token.
+        key: Arc<str>,
+    },
+    /// A token on a watched key is gone: it was dropped, or its process died or was cut off.
+    Gone {
+        /// The key of the token.
+        key: Arc<str>,
+    },
+    /// Never sent by the bus: `main` pushes it into a role's inbox when a signal arrives.
+    Stop,
+}
+
+/// Where a side receives its events; clones may be given to any number of declarations.
+pub type Inbox = std::sync::mpsc::Sender<Event>;
+
+/// One side of the bus. What a side declares ends when its [`Guard`] or the side itself is dropped;
+/// after the latter its publishers answer [`Error::Closed`].
+///
+/// A *key* is a path such as `rondo/r1/world/0/observe`. A *key expression* may contain `*` for one
+/// chunk and `**` for any number of chunks.
+pub trait Bus: Send + Sync {
+    /// A publisher that waits rather than loses when the link is full: for what learning depends on.
+    fn publisher(&self, key: &str) -> Result<Publisher, Error>;
+
+    /// A publisher that drops rather than waits when the link is full: for metrics.
+    fn best_effort_publisher(&self, key: &str) -> Result<Publisher, Error>;
+
+    /// Receives publications on matching keys as [`Event::Message`], this side's own included.
+    fn subscribe(&self, key_expr: &str, inbox: Inbox) -> Result<Guard, Error>;
+
+    /// Receives questions on matching keys as [`Event::Query`].
+    fn serve(&self, key_expr: &str, inbox: Inbox) -> Result<Guard, Error>;
+
+    /// Asks whoever serves `key` and waits for the first reply. `None` when nobody serves the key,
+    /// everybody who does dropped the query, or the timeout passed.
+    fn ask(&self, key: &str, payload: &[u8], timeout: Duration) -> Result<Option<Vec<u8>>, Error>;
+
+    /// Shows a token on `key` for as long as the guard, this side and its process live. One key
+    /// belongs to one side: what watchers see of a key that several announce is not defined.
+    fn announce(&self, key: &str) -> Result<Guard, Error>;
+
+    /// Receives [`Event::Alive`] for tokens that are present, then every change.
+    fn watch(&self, key_expr: &str, inbox: Inbox) -> Result<Guard, Error>;
+
+    /// The endpoints this side really listens on, with ports that were given as 0 filled in. Empty in
+    /// memory and for a side that only dials.
+    fn endpoints(&self) -> Vec<String>;
+
+    /// The books of this side: what it sent and declared.
+    fn ledger(&self) -> &Arc<Ledger>;
+
+    /// Messages and payload bytes that this side sent (publications, queries and replies), by key and
+    /// in the order of keys. A publication without subscribers counts: it was handed to the bus.
+    fn traffic(&self) -> Vec<Traffic> {
+        self.ledger().traffic()
+    }
+}
+
+type SendFn = dyn Fn(&[u8]) -> Result<(), Error> + Send;
+
+/// Sends on one key.
+pub struct Publisher {
+    send: Box<SendFn>,
+}
+
+impl Publisher {
+    fn new(send: impl Fn(&[u8]) -> Result<(), Error> + Send + 'static) -> Self {
+        Self { send: Box::new(send) }
+    }
+
+    /// Sends `payload` to everybody who subscribes to the key.
+    ///
+    /// # Errors
+    /// [`Error::Closed`] when the side that made this publisher was dropped, [`Error::TooLarge`] when
+    /// the link cannot carry a message of this size.
+    pub fn send(&self, payload: &[u8]) -> Result<(), Error> {
+        (self.send)(payload)
+    }
+}
+
+/// A question from another side, to be answered now or later, from any thread. Dropped unanswered, the
+/// asking side is told that there is no reply.
+pub struct Query {
+    /// The key that was asked.
+    pub key: Arc<str>,
+    /// The bytes of the question.
+    pub payload: Vec<u8>,
+    reply: Box<dyn FnOnce(&[u8]) + Send>,
+}
+
+impl Query {
+    fn new(key: Arc<str>, payload: Vec<u8>, reply: impl FnOnce(&[u8]) + Send + 'static) -> Self {
+        Self { key, payload, reply: Box::new(reply) }
+    }
+
+    /// Answers. A reply that cannot be delivered, because the asking side has gone or waits no longer,
+    /// is dropped and logged: the asking side asks again.
+    pub fn reply(self, payload: &[u8]) {
+        (self.reply)(payload);
+    }
+}
+
+impl fmt::Debug for Query {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { key, payload, .. } = self;
+        f.debug_struct("Query").field("key", key).field("payload", payload).finish_non_exhaustive()
+    }
+}
+
+/// Keeps a subscription, a served key, a token or a watch alive; undeclares it when dropped.
+#[must_use = "dropping the guard ends what it guards at once"]
+pub struct Guard {
+    _declared: Box<dyn Any + Send + Sync>,
+}
+
+impl Guard {
+    fn new(declared: impl Any + Send + Sync) -> Self {
+        Self { _declared: Box::new(declared) }
+    }
+}

@@ -1,0 +1,134 @@
+//! Pairs of buses to test on, and events with deadlines.
+
+use std::sync::mpsc::{Receiver, TryRecvError};
+use std::sync::{mpsc, Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use bus::{Bus, Event, Options, Query, Record};
+use tempfile::TempDir;
+
+/// Far longer than anything takes on a busy machine; a test that waits this long has failed.
+pub const DEADLINE: Duration = Duration::from_secs(20);
+
+/// Two sides that can talk to each other.
+pub struct Pair {
+    /// The side that listens.
+    pub server: Arc<dyn Bus>,
+    /// The side that dials.
+    pub client: Arc<dyn Bus>,
+    /// Holds the socket.
+    _folder: Option<TempDir>,
+}
+
+const SETTLING: &str = "settling";
+
+impl Pair {
+    /// Returns when each side knows all that the other has declared so far. Declarations and tokens
+    /// travel in order, so a token that was announced last is seen last.
+    pub fn settle(&self) {
+        settle(&self.server, &self.client);
+        settle(&self.client, &self.server);
+    }
+}
+
+/// Returns when `to` knows all that `from` has declared so far.
+pub fn settle(from: &Arc<dyn Bus>, to: &Arc<dyn Bus>) {
+    let (inbox, events) = mpsc::channel();
+    let _watch = to.watch(SETTLING, inbox).unwrap();
+    let token = from.announce(SETTLING).unwrap();
+    assert_eq!(alive(next(&events)), SETTLING);
+    drop(token);
+    assert_eq!(gone(next(&events)), SETTLING);
+}
+
+/// Whether a record comes from [`settle`].
+pub fn is_of_settling(record: &Record) -> bool {
+    matches!(record, Record::Announced { key } | Record::Watched { key } if &**key == SETTLING)
+}
+
+pub fn in_memory() -> Pair {
+    let hub = bus::memory();
+    Pair { server: hub.connect(), client: hub.connect(), _folder: None }
+}
+
+pub fn over_unix_socket(low_latency: bool) -> Pair {
+    let folder = tempfile::tempdir().unwrap();
+    let endpoint = socket_in(&folder);
+    let server = open(&Options { listen: vec![endpoint.clone()], low_latency, ..Options::default() });
+    assert_eq!(server.endpoints(), [endpoint.clone()]);
+    let client = open(&Options { connect: vec![endpoint], low_latency, ..Options::default() });
+    Pair { server, client, _folder: Some(folder) }
+}
+
+pub fn over_tcp(low_latency: bool) -> Pair {
+    let server = open(&Options { listen: vec!["tcp/127.0.0.1:0".into()], low_latency, ..Options::default() });
+    let client = open(&Options { connect: server.endpoints(), low_latency, ..Options::default() });
+    assert_eq!(client.endpoints(), Vec::<String>::new());
+    Pair { server, client, _folder: None }
+}
+
+pub fn socket_in(folder: &TempDir) -> String {
+    format!("unixsock-stream/{}", folder.path().join("bus.sock").display())
+}
+
+pub fn open(options: &Options) -> Arc<dyn Bus> {
+    try_open(options).unwrap()
+}
+
+pub fn try_open(options: &Options) -> Result<Arc<dyn Bus>, bus::Error> {
+    static RUNTIME: OnceLock<()> = OnceLock::new();
+    RUNTIME.get_or_init(bus::use_one_runtime);
+    bus::open(options)
+}
+
+pub fn next(events: &Receiver<Event>) -> Event {
+    events.recv_timeout(DEADLINE).expect("an event before the deadline")
+}
+
+pub fn message(event: Event) -> (Arc<str>, Vec<u8>) {
+    match event {
+        Event::Message { key, payload } => (key, payload),
+        other => panic!("a message was expected, {other:?} came"),
+    }
+}
+
+pub fn alive(event: Event) -> String {
+    match event {
+        Event::Alive { key } => key.to_string(),
+        other => panic!("a token was expected, {other:?} came"),
+    }
+}
+
+pub fn gone(event: Event) -> String {
+    match event {
+        Event::Gone { key } => key.to_string(),
+        other => panic!("the end of a token was expected, {other:?} came"),
+    }
+}
+
+pub fn next_query(events: &Receiver<Event>) -> Query {
+    match next(events) {
+        Event::Query(query) => query,
+        other => panic!("a query was expected, {other:?} came"),
+    }
+}
+
+/// Nothing has arrived. To mean something, it follows an event that was sent later.
+pub fn assert_silent(events: &Receiver<Event>) {
+    match events.try_recv() {
+        Err(TryRecvError::Empty | TryRecvError::Disconnected) => (),
+        Ok(event) => panic!("nothing was expected, {event:?} came"),
+    }
+}
+
+/// Tries until it succeeds or the deadline passes.
+pub fn eventually<T>(what: &str, mut attempt: impl FnMut() -> Option<T>) -> T {
+    let start = Instant::now();
+    loop {
+        if let Some(done) = attempt() {
+            return done;
+        }
+        assert!(start.elapsed() < DEADLINE, "{what} within {DEADLINE:?}");
+        std::thread::yield_now();
+    }
+}

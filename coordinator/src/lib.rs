@@ -1,0 +1,184 @@
+//! Role: says whose turn it is to use which learning rate, and nothing else.
+//!
+//! It publishes the schedule ahead of need and answers whoever asks. It keeps no state: a coordinator that
+//! starts again says the same thing again. It knows no observation, no action and no weight.
+
+pub mod schedule;
+
+use std::process::ExitCode;
+use std::sync::mpsc::{channel, Receiver, RecvTimeoutError};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use bus::{Bus, Event, Inbox};
+use process::Failure;
+use proto::codec::{decode, encode};
+use proto::config::Config;
+use proto::control::{Progress, Rates, RatesQuery};
+use proto::exit;
+use proto::keys::{Key, Keys};
+use store::RoleFolder;
+
+/// How many update calls ahead of the foremost agent the schedule is published: enough that an agent
+/// never waits for it, few enough that nothing is told about a distant future.
+const AHEAD: u64 = 64;
+
+/// Arguments of the role's process.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    pub common: process::Common,
+    /// Endpoint to listen on, for example `tcp/192.0.2.7:7448`
+    #[arg(long, value_name = "ENDPOINT", required = true)]
+    pub listen: Vec<String>,
+}
+
+/// The whole process: opens what the arguments say and runs until the agents have left.
+pub fn main(arguments: &Arguments) -> ExitCode {
+    let attempt = || {
+        let role = arguments.common.open("coordinator", arguments.listen.clone(), vec![])?;
+        let (inbox, events) = channel();
+        process::stop_on_signals(vec![inbox.clone()])?;
+        run(role.bus, &role.config, &role.folder, inbox, &events, role.wait)
+    };
+    match attempt() {
+        Ok(()) => ExitCode::from(exit::DONE),
+        Err(failure) => process::report(&failure),
+    }
+}
+
+/// What goes into the role's result.json.
+#[derive(serde::Serialize)]
+struct Report {
+    role: &'static str,
+    traffic: Vec<(String, u64, u64)>,
+}
+
+/// Tells the agents of a run their learning rates until all of them have come and left, or until
+/// [`Event::Stop`].
+///
+/// # Errors
+/// If agents do not come within `wait` (they are named), or the bus or the disk fails.
+pub fn run(
+    bus: Arc<dyn Bus>,
+    config: &Config,
+    folder: &RoleFolder,
+    inbox: Inbox,
+    events: &Receiver<Event>,
+    wait: Duration,
+) -> Result<(), Failure> {
+    let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
+    let publisher = bus.publisher(&keys.schedule())?;
+    let _served = bus.serve(&keys.schedule(), inbox.clone())?;
+    let _progress = bus.subscribe(&keys.any_progress(), inbox.clone())?;
+    let _agents = bus.watch(&keys.any_alive(), inbox)?;
+    let _token = bus.announce(&keys.alive_coordinator())?;
+
+    let mut team = Team::new(config.world.agents);
+    let mut published = 0;
+    let deadline = Instant::now() + wait;
+    while !team.has_left() {
+        let event = if team.missing().is_empty() {
+            events.recv().map_err(|_| RecvTimeoutError::Disconnected)
+        } else {
+            events.recv_timeout(deadline.saturating_duration_since(Instant::now()))
+        };
+        let foremost = match event {
+            Ok(Event::Message { key, payload }) => match (keys.parse(&key), decode::<Progress>(&payload)) {
+                (Some(Key::Progress(_)), Ok(progress)) => Some(progress.update_calls),
+                (_, refused) => {
+                    tracing::warn!(%key, ?refused, "ignored a message that says no progress");
+                    None
+                }
+            },
+            Ok(Event::Query(query)) => match decode::<RatesQuery>(&query.payload) {
+                Ok(asked) => {
+                    query.reply(&message(config, asked.update_call)?.1);
+                    Some(asked.update_call)
+                }
+                Err(error) => {
+                    tracing::warn!(key = %query.key, %error, "ignored a question about the schedule");
+                    None
+                }
+            },
+            Ok(Event::Alive { key }) => keys.parse(&key).and_then(|key| team.came(&key)),
+            Ok(Event::Gone { key }) => keys.parse(&key).and_then(|key| team.went(&key)),
+            Ok(Event::Stop) => break,
+            Err(RecvTimeoutError::Timeout) => return Err(team.did_not_come(wait, &config.run)),
+            Err(RecvTimeoutError::Disconnected) => break,
+        };
+        if let Some(foremost) = foremost {
+            // A peer may claim any progress; what it gets is one message per claim beyond the next few.
+            let until = foremost.saturating_add(AHEAD);
+            published = published.max(foremost);
+            while published < until && published != Rates::FOR_EVER {
+                let (next, message) = message(config, published)?;
+                publisher.send(&message)?;
+                published = next;
+            }
+        }
+    }
+    let traffic = bus.traffic().into_iter().map(|t| (t.key, t.messages, t.bytes)).collect();
+    folder.write_result(&Report { role: "coordinator", traffic })?;
+    Ok(())
+}
+
+/// The schedule of an update call as it goes over the bus, and the first call that it does not cover.
+fn message(config: &Config, update_call: u64) -> Result<(u64, Vec<u8>), Failure> {
+    let rates = schedule::rates(config, update_call);
+    let bytes = encode(&rates).map_err(|error| Failure::new(exit::BUG, error))?;
+    Ok((rates.until, bytes))
+}
+
+/// Who has been here and who still is.
+struct Team {
+    came: Vec<bool>,
+    present: Vec<bool>,
+}
+
+impl Team {
+    fn new(agents: u32) -> Self {
+        Self { came: vec![false; agents as usize], present: vec![false; agents as usize] }
+    }
+
+    fn seat(&self, key: &Key) -> Option<usize> {
+        match key {
+            Key::AliveAgent(agent) => Some(*agent as usize).filter(|agent| *agent < self.came.len()),
+            _ => None,
+        }
+    }
+
+    /// The first thing a newcomer needs is what comes next from where the others are; nothing is known
+    /// yet of how far it is itself, so it counts as being at the start.
+    fn came(&mut self, key: &Key) -> Option<u64> {
+        let seat = self.seat(key)?;
+        (self.came[seat], self.present[seat]) = (true, true);
+        Some(0)
+    }
+
+    fn went(&mut self, key: &Key) -> Option<u64> {
+        let seat = self.seat(key)?;
+        self.present[seat] = false;
+        None
+    }
+
+    fn missing(&self) -> Vec<usize> {
+        (0..self.came.len()).filter(|&agent| !self.came[agent]).collect()
+    }
+
+    fn has_left(&self) -> bool {
+        self.missing().is_empty() && !self.present.contains(&true)
+    }
+
+    fn did_not_come(&self, wait: Duration, run: &str) -> Failure {
+        let missing: Vec<_> = self.missing().iter().map(usize::to_string).collect();
+        Failure::new(
+            exit::AGAIN,
+            format!(
+                "of run `{run}` agents did not come within {wait:?}: {}\nhint: start them with the coordinator's \
+                 endpoint among their `--connect`, or give them longer with `--wait`",
+                missing.join(", ")
+            ),
+        )
+    }
+}

@@ -1,0 +1,22 @@
+//! The coordinator as a process of its own: tells the agents their learning rates until all have left.
+
+use std::process::ExitCode;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// Tells every agent of a run which learning rate it has in which update call
+#[derive(clap::Parser)]
+#[command(name = "rondo-coordinator", version)]
+struct Cli {
+    #[command(flatten)]
+    arguments: coordinator::Arguments,
+}
+
+fn main() -> ExitCode {
+    bus::use_one_runtime();
+    match process::parse_arguments::<Cli>() {
+        Ok(cli) => coordinator::main(&cli.arguments),
+        Err(code) => code,
+    }
+}

@@ -1,0 +1,69 @@
+//! Steps per second of the worlds on one core: random actions, resets included, all agents observed. Takes
+//! about two seconds.
+
+use std::time::{Duration, Instant};
+
+use envs::{task, End};
+use rand::{RngCore, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const TASKS: [&str; 2] = ["lbf-8x8-2p-2f-coop", "lbf-15x15-4p-3f"];
+/// Per task and measurement.
+const TIME: Duration = Duration::from_millis(300);
+/// Steps between two looks at the clock.
+const BATCH: u32 = 10_000;
+
+fn main() {
+    for name in TASKS {
+        let bare = steps_per_second(name, false);
+        let observed = steps_per_second(name, true);
+        println!("{name:20} {:6.2} M steps/s, {:6.2} M with observations", bare / 1e6, observed / 1e6);
+        println!("{:20} {:6.2} M resets/s", "", resets_per_second(name) / 1e6);
+    }
+}
+
+fn steps_per_second(name: &str, observing: bool) -> f64 {
+    let mut world = task(name).expect("a listed task").make();
+    let sizes = world.sizes().clone();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut rewards = vec![0.0; sizes.agents];
+    let mut seen = vec![0.0; sizes.obs_size[0]];
+    // Drawn beforehand: the world is measured, not the choice of actions.
+    let actions: Vec<u16> = (0..BATCH as usize * sizes.agents).map(|_| (rng.next_u32() % 6) as u16).collect();
+    world.reset(&mut rng);
+    rate(|| {
+        for actions in actions.chunks_exact(sizes.agents) {
+            if world.step(actions, &mut rng, &mut rewards) != End::Running {
+                world.reset(&mut rng);
+            }
+            if observing {
+                for agent in 0..sizes.agents {
+                    world.observe(agent, &mut seen);
+                    std::hint::black_box(&seen);
+                }
+            }
+        }
+        std::hint::black_box(&rewards);
+    })
+}
+
+fn resets_per_second(name: &str) -> f64 {
+    let mut world = task(name).expect("a listed task").make();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    rate(|| {
+        for _ in 0..BATCH {
+            world.reset(&mut rng);
+        }
+    })
+}
+
+/// How often per second something happens that happens [`BATCH`] times in one call of `batch`.
+fn rate(mut batch: impl FnMut()) -> f64 {
+    let start = Instant::now();
+    let mut batches = 0.0;
+    while start.elapsed() < TIME {
+        batch();
+        batches += 1.0;
+    }
+    batches * f64::from(BATCH) / start.elapsed().as_secs_f64()
+}

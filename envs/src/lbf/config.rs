@@ -1,0 +1,98 @@
+//! What a foraging world is built from, and which numbers cannot work.
+
+use super::rules::Rules;
+
+/// The longest side of a grid: far beyond any published task, and cells are still numbered at ease.
+const MAX_SIDE: u16 = 255;
+/// The most players: an observation grows with them, all observations together with their square.
+const MAX_PLAYERS: u16 = 64;
+
+/// The parameters of a foraging world.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Config {
+    pub rows: u16,
+    pub cols: u16,
+    pub players: u16,
+    /// Foods placed by a reset; fewer when there is no room.
+    pub foods: u16,
+    /// Every food needs the three weakest players together (spec §3).
+    pub coop: bool,
+    /// How many cells away a player sees; the longer side or more shows everything.
+    pub sight: u16,
+    /// Taken from the reward of everybody who loads in vain.
+    pub penalty: f64,
+    /// Steps after which an episode ends in any case.
+    pub episode_limit: u32,
+    pub rules: Rules,
+}
+
+/// Why a world with these numbers cannot exist.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Impossible {
+    #[error("{axis} must be 3 to {MAX_SIDE} (no food lies on the border), not {found}")]
+    Side { axis: &'static str, found: u16 },
+    #[error("the number of players must be 1 to {MAX_PLAYERS}, not {found}")]
+    Players { found: u16 },
+    #[error("{players} players do not fit on {cells} cells, which is where they start on this grid")]
+    Crowd { players: u16, cells: u32 },
+    #[error("there must be at least 1 food, or an episode is over at once")]
+    NoFood,
+    #[error("{foods} foods and {players} players do not fit on the {cells} cells of the grid")]
+    Full { foods: u16, players: u16, cells: u32 },
+    #[error(
+        "no more than {room} foods can ever lie on this grid (not on the border, three steps apart), not {foods}"
+    )]
+    Foods { foods: u16, room: u32 },
+    #[error("a player must see at least 1 cell far, not {found}")]
+    Sight { found: u16 },
+    #[error("the penalty must be a finite number, not {found}")]
+    Penalty { found: f64 },
+    #[error("the step limit must be at least 1, not 0")]
+    EpisodeLimit,
+}
+
+impl Config {
+    /// Whether a world can be built at all. Traces may ask a reset for more foods than ever find room.
+    pub(super) fn check(&self) -> Result<(), Impossible> {
+        for (axis, found) in [("the number of rows", self.rows), ("the number of columns", self.cols)] {
+            if !(3..=MAX_SIDE).contains(&found) {
+                return Err(Impossible::Side { axis, found });
+            }
+        }
+        let (players, foods) = (self.players, self.foods);
+        if !(1..=MAX_PLAYERS).contains(&players) {
+            return Err(Impossible::Players { found: players });
+        }
+        let spawn = |cells| u32::from(self.rules.spawn_cells(cells));
+        let cells = spawn(self.rows) * spawn(self.cols);
+        if u32::from(players) > cells {
+            return Err(Impossible::Crowd { players, cells });
+        }
+        if foods == 0 {
+            return Err(Impossible::NoFood);
+        }
+        let cells = u32::from(self.rows) * u32::from(self.cols);
+        if u32::from(players) + u32::from(foods) > cells {
+            return Err(Impossible::Full { foods, players, cells });
+        }
+        if self.sight == 0 {
+            return Err(Impossible::Sight { found: self.sight });
+        }
+        if !self.penalty.is_finite() {
+            return Err(Impossible::Penalty { found: self.penalty });
+        }
+        if self.episode_limit == 0 {
+            return Err(Impossible::EpisodeLimit);
+        }
+        Ok(())
+    }
+
+    /// Also whether a reset can place what is asked for.
+    pub(super) fn check_room(&self) -> Result<(), Impossible> {
+        self.check()?;
+        match super::capacity::shortfall(self.rows, self.cols, self.foods) {
+            Some(room) => Err(Impossible::Foods { foods: self.foods, room }),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Level-based foraging: players walk on a grid and eat foods that need enough levels side by side.
+//!
+//! The rules are those of the environment specification for LBF, whose sections the comments cite. All chance is
+//! in the reset; a step is deterministic and allocates nothing.
+
+mod capacity;
+mod config;
+mod name;
+mod reset;
+mod rules;
+mod state;
+
+use rand::RngCore;
+
+pub use config::{Config, Impossible};
+pub(crate) use name::{parse, NameError, FORM};
+pub use rules::Rules;
+pub use state::{Food, Player, State, StateError};
+
+use crate::{End, Sizes, World};
+
+/// The actions, as `step` takes them (spec §4). Higher numbers count as [`NONE`].
+pub const NONE: u16 = 0;
+pub const NORTH: u16 = 1;
+pub const SOUTH: u16 = 2;
+pub const WEST: u16 = 3;
+pub const EAST: u16 = 4;
+pub const LOAD: u16 = 5;
+pub const N_ACTIONS: usize = 6;
+
+/// Stands for a food level around the grid, so that one look tells a free cell from food and wall alike.
+const WALL: u16 = u16::MAX;
+
+/// The world. Make one with [`Foraging::new`], then `reset` or [`Foraging::set_state`].
+#[derive(Debug, Clone)]
+pub struct Foraging {
+    config: Config,
+    sizes: Sizes,
+    players: Vec<Player>,
+    /// The foods left, in row-major order, as observations list them.
+    foods: Vec<Food>,
+    /// Food level by cell; one cell of [`WALL`] around the grid.
+    field: Vec<u16>,
+    level_sum_at_reset: u32,
+    step: u32,
+    /// The actions of the last step after invalid ones became [`NONE`].
+    effective: Vec<u16>,
+    /// Scratch of a step: the cell each player names, and by cell how many name it (zero between steps).
+    named: Vec<usize>,
+    named_by: Vec<u8>,
+}
+
+impl Foraging {
+    /// A world without foods whose players all stand in the upper left corner, at level 1: reset it first.
+    pub fn new(config: Config) -> Result<Foraging, Impossible> {
+        config.check()?;
+        let agents = usize::from(config.players);
+        let obs_size = 3 * (usize::from(config.foods) + agents);
+        let sizes = Sizes {
+            agents,
+            obs_size: vec![obs_size; agents],
+            n_actions: vec![N_ACTIONS; agents],
+            episode_limit: config.episode_limit,
+        };
+        let (rows, stride) = (usize::from(config.rows), usize::from(config.cols) + 2);
+        let mut field = vec![WALL; (rows + 2) * stride];
+        for row in 1..=rows {
+            field[row * stride + 1..(row + 1) * stride - 1].fill(0);
+        }
+        Ok(Foraging {
+            players: vec![Player { row: 0, col: 0, level: 1 }; agents],
+            foods: Vec::with_capacity(usize::from(config.foods)),
+            named_by: vec![0; field.len()],
+            field,
+            level_sum_at_reset: 0,
+            step: 0,
+            effective: vec![NONE; agents],
+            named: vec![0; agents],
+            sizes,
+            config,
+        })
+    }
+
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What the players did in the last step, after invalid actions became [`NONE`]. A move that met another
+    /// player is still a move here (spec §4, §5.2).
+    pub fn effective_actions(&self) -> &[u16] {
+        &self.effective
+    }
+
+    fn stride(&self) -> usize {
+        usize::from(self.config.cols) + 2
+    }
+
+    fn cell(&self, row: u16, col: u16) -> usize {
+        (usize::from(row) + 1) * self.stride() + usize::from(col) + 1
+    }
+
+    fn is_food(&self, cell: usize) -> bool {
+        (1..WALL).contains(&self.field[cell])
+    }
+
+    /// The neighbours of a cell of the grid: north, south, west, east.
+    fn neighbours(&self, cell: usize) -> [usize; 4] {
+        [cell - self.stride(), cell + self.stride(), cell - 1, cell + 1]
+    }
+
+    /// Spec §4 and §5.2, first half: what each player really does, and which cell it names.
+    fn name_cells(&mut self, actions: &[u16]) {
+        for (i, &action) in actions.iter().enumerate() {
+            let own = self.cell(self.players[i].row, self.players[i].col);
+            let neighbours = self.neighbours(own);
+            let (action, named) = match action {
+                NORTH..=EAST => match neighbours[usize::from(action - NORTH)] {
+                    target if self.field[target] == 0 => (action, target),
+                    _ => (NONE, own),
+                },
+                LOAD if neighbours.into_iter().any(|cell| self.is_food(cell)) => (LOAD, own),
+                _ => (NONE, own),
+            };
+            self.effective[i] = action;
+            self.named[i] = named;
+            self.named_by[named] += 1;
+        }
+    }
+
+    /// Spec §5.2: who alone names a cell gets it. A player whose cell is entered while it fails to leave stays
+    /// where it is, so two can come to share a cell.
+    fn move_players(&mut self) {
+        for ((player, &action), &named) in self.players.iter_mut().zip(&self.effective).zip(&self.named) {
+            if self.named_by[named] == 1 {
+                match action {
+                    NORTH => player.row -= 1,
+                    SOUTH => player.row += 1,
+                    WEST => player.col -= 1,
+                    EAST => player.col += 1,
+                    _ => {}
+                }
+            }
+        }
+        for &named in &self.named {
+            self.named_by[named] = 0;
+        }
+    }
+
+    /// Spec §5.3. Loaders are taken in index order, each with all others beside the same food. Between foods
+    /// placed by the rules the order has no effect; in an arranged state where somebody stands beside two foods
+    /// the first in the order north, south, west, east is loaded.
+    fn load(&mut self, rewards: &mut [f64]) {
+        // Loaders have named their own cell. From here on `named` is the list of those still to be served.
+        /// Marks a player who does not load, or no longer.
+        const NO_LOADER: usize = usize::MAX;
+        for (named, &action) in self.named.iter_mut().zip(&self.effective) {
+            if action != LOAD {
+                *named = NO_LOADER;
+            }
+        }
+        for first in 0..self.named.len() {
+            if self.named[first] == NO_LOADER {
+                continue;
+            }
+            let Some(food) = self.neighbours(self.named[first]).into_iter().find(|&cell| self.is_food(cell))
+            else {
+                continue;
+            };
+            let around = self.neighbours(food);
+            let beside = |cell: usize| around.contains(&cell); // never true for NO_LOADER
+            let food_level = u64::from(self.field[food]);
+            let strength: u64 = (first..self.named.len())
+                .filter(|&i| beside(self.named[i]))
+                .map(|i| u64::from(self.players[i].level))
+                .sum();
+            let eaten = strength >= food_level;
+            for (i, reward) in rewards.iter_mut().enumerate().skip(first) {
+                if !beside(self.named[i]) {
+                    continue;
+                }
+                *reward = if eaten {
+                    // Two exact integers and one division: equal to the reference in every bit.
+                    let earned = u64::from(self.players[i].level) * food_level;
+                    earned as f64 / (strength * u64::from(self.level_sum_at_reset)) as f64
+                } else {
+                    0.0 - self.config.penalty
+                };
+                self.named[i] = NO_LOADER;
+            }
+            if eaten {
+                self.remove_food(food);
+            }
+        }
+    }
+
+    /// Later foods move up one place in the observation (spec §6).
+    fn remove_food(&mut self, cell: usize) {
+        self.field[cell] = 0;
+        let stride = self.stride();
+        self.foods.retain(|food| (usize::from(food.row) + 1) * stride + usize::from(food.col) + 1 != cell);
+    }
+}
+
+impl World for Foraging {
+    fn sizes(&self) -> &Sizes {
+        &self.sizes
+    }
+
+    fn reset(&mut self, rng: &mut dyn RngCore) {
+        self.draw_start(rng);
+    }
+
+    fn step(&mut self, actions: &[u16], _: &mut dyn RngCore, rewards: &mut [f64]) -> End {
+        assert_eq!(actions.len(), self.players.len(), "one action per player");
+        assert_eq!(rewards.len(), self.players.len(), "one place per player for rewards");
+        self.step = self.step.saturating_add(1);
+        rewards.fill(0.0);
+        self.name_cells(actions);
+        self.move_players();
+        if self.effective.contains(&LOAD) {
+            self.load(rewards);
+        }
+        if self.foods.is_empty() {
+            End::Terminated
+        } else if self.step >= self.config.episode_limit {
+            End::TimeLimit
+        } else {
+            End::Running
+        }
+    }
+
+    /// Spec §6: the foods in sight, the observer, the others in sight; each as row, column, level.
+    fn observe(&self, agent: usize, out: &mut [f32]) {
+        assert_eq!(out.len(), self.sizes.obs_size[agent], "one place per observed number");
+        let me = self.players[agent];
+        let sight = self.config.sight;
+        // Coordinates count from here. With the whole grid in sight this is its corner.
+        let (top, left) = (me.row - me.row.min(sight), me.col - me.col.min(sight));
+        let (food_slots, player_slots) = out.split_at_mut(3 * usize::from(self.config.foods));
+
+        let near = |food: &&Food| food.row.abs_diff(me.row) <= sight && food.col.abs_diff(me.col) <= sight;
+        let foods = self.foods.iter().filter(near).map(|food| (food.row - top, food.col - left, food.level));
+        fill(food_slots, foods);
+
+        // Players are seen in a full window from that corner, even where the grid's edge pushed it off centre.
+        let span = 2 * sight;
+        let seen = |p: &&Player| (top..=top + span).contains(&p.row) && (left..=left + span).contains(&p.col);
+        let (before, after) = (&self.players[..agent], &self.players[agent + 1..]);
+        let others = before.iter().chain(after).filter(seen);
+        let players = std::iter::once(&me).chain(others);
+        fill(player_slots, players.map(|p| (p.row - top, p.col - left, p.level)));
+    }
+}
+
+/// Writes what is there as triples, then the triple for nothing into what is left.
+fn fill(slots: &mut [f32], things: impl Iterator<Item = (u16, u16, u16)>) {
+    let mut slots = slots.chunks_exact_mut(3);
+    for ((row, col, level), slot) in things.zip(&mut slots) {
+        slot.copy_from_slice(&[f32::from(row), f32::from(col), f32::from(level)]);
+    }
+    slots.for_each(|slot| slot.copy_from_slice(&[-1.0, -1.0, 0.0]));
+}

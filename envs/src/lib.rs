@@ -1,0 +1,25 @@
+//! The worlds as plain structs: reset, step, observe. No bus, no tensors, no files, no clock; every random
+//! draw comes from a generator that the caller passes in.
+//!
+//! ```
+//! use rand_chacha::{rand_core::SeedableRng, ChaCha8Rng};
+//!
+//! let task = envs::task("lbf-8x8-2p-2f-coop")?;
+//! let (mut world, mut rng) = (task.make(), ChaCha8Rng::seed_from_u64(7));
+//! world.reset(&mut rng);
+//! let mut rewards = [0.0; 2];
+//! let end = world.step(&[1, 5], &mut rng, &mut rewards); // player 0 goes north, player 1 tries to load
+//! assert_eq!(end, envs::End::Running);
+//! # Ok::<(), envs::UnknownTask>(())
+//! ```
+
+mod task;
+mod world;
+
+pub mod lbf;
+pub mod replay;
+
+mod draw;
+
+pub use task::{task, tasks, Task, TaskInfo, UnknownTask};
+pub use world::{End, Sizes, World};

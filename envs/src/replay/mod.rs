@@ -1,0 +1,112 @@
+//! Replays recorded traces of reference environments and compares every value with what the worlds here make of
+//! the same start and the same actions.
+//!
+//! A trace is a text of one JSON object per line: a header, then episodes of one `reset` and its `step`s.
+
+mod compare;
+mod lbf;
+mod lines;
+mod record;
+
+use std::fmt;
+use std::io::{self, BufRead};
+
+use serde::Deserialize;
+
+use compare::Findings;
+use lines::Lines;
+
+/// The version of the trace format that is understood.
+const FORMAT_VERSION: u32 = 1;
+
+/// What came out of a replay that could be played to its end.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    /// As the header names it.
+    pub task: String,
+    pub episodes: u64,
+    pub steps: u64,
+    /// Values that differ. An episode is played on from its own state, so one cause may count often.
+    pub mismatches: u64,
+    pub first: Option<Mismatch>,
+}
+
+/// One value that differs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Mismatch {
+    pub line: u64,
+    pub episode: u64,
+    /// Steps since the start of the episode; 0 is the start itself.
+    pub t: u64,
+    /// The path in the record, such as `obs[1][4]`: agent 1, fifth number.
+    pub field: String,
+    /// As recorded.
+    pub expected: String,
+    /// As it came out here.
+    pub found: String,
+}
+
+/// Why a trace could not be replayed to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    #[error("{file}, line {line}: cannot read on: {source}")]
+    Read { file: String, line: u64, source: io::Error },
+    #[error("{file}, line {line}: {what}")]
+    Damaged { file: String, line: u64, what: String },
+    #[error("{file} is a trace of `{family}` (task `{task}`), which cannot be replayed yet; `lbf` can")]
+    Unsupported { file: String, family: String, task: String },
+}
+
+/// Replays a whole trace. `name` stands for it in messages, for instance its path.
+///
+/// A value that differs is counted in the report. What makes a replay meaningless (a line that is no record, a
+/// state that cannot be, an episode that breaks off) is an error.
+pub fn replay(lines: impl BufRead, name: &str) -> Result<Report, ReplayError> {
+    let mut lines = Lines::new(lines, name);
+    if !lines.advance()? {
+        return Err(lines.damaged("expected a header, found the end of the file"));
+    }
+    let start: HeaderStart = lines.parse()?;
+    if start.kind != "header" {
+        return Err(
+            lines.damaged(format!("expected a record of type `header` first, found `{}`", start.kind))
+        );
+    }
+    if start.format_version != FORMAT_VERSION {
+        let found = start.format_version;
+        return Err(lines.damaged(format!("expected format_version {FORMAT_VERSION}, found {found}")));
+    }
+    match start.env.as_str() {
+        "lbf" => lbf::replay(lines, start.task),
+        _ => Err(ReplayError::Unsupported { file: name.to_owned(), family: start.env, task: start.task }),
+    }
+}
+
+/// What headers of all families have.
+#[derive(Deserialize)]
+#[serde(expecting = "an object")]
+struct HeaderStart {
+    #[serde(rename = "type")]
+    kind: String,
+    format_version: u32,
+    env: String,
+    task: String,
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Report { task, episodes, steps, mismatches, .. } = self;
+        write!(f, "{task}: {episodes} episodes, {steps} steps, ")?;
+        match &self.first {
+            None => write!(f, "all exact"),
+            Some(first) => write!(f, "{mismatches} mismatches; the first: {first}"),
+        }
+    }
+}
+
+impl fmt::Display for Mismatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Mismatch { line, episode, t, field, expected, found } = self;
+        write!(f, "line {line}, episode {episode}, t {t}, {field}: expected {expected}, found {found}")
+    }
+}

@@ -1,0 +1,51 @@
+//! What every world offers. Agents are numbered from 0 and may differ in what they see and can do.
+
+use rand::RngCore;
+
+/// One simulated world with a fixed number of agents.
+///
+/// Slices must have the lengths that [`World::sizes`] names; other lengths are a mistake in the calling code
+/// and panic. Contents may come from anywhere: an action that does not exist counts as doing nothing.
+pub trait World: Send {
+    /// Numbers that stay the same for the life of the world.
+    fn sizes(&self) -> &Sizes;
+
+    /// Starts a new episode. All of its start comes from `rng`; nothing is left of the episode before.
+    fn reset(&mut self, rng: &mut dyn RngCore);
+
+    /// Plays one joint action (`actions[agent]`) and writes each agent's own reward of this step into
+    /// `rewards[agent]`. Worlds without randomness inside a step leave `rng` untouched.
+    fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End;
+
+    /// Writes what `agent` sees now; `out` has `sizes().obs_size[agent]` places and all are written.
+    fn observe(&self, agent: usize, out: &mut [f32]);
+
+    /// Writes 1 for each action that `agent` may choose now, 0 for the others; `out` has
+    /// `sizes().n_actions[agent]` places. Most worlds have no masks: everything may be chosen.
+    fn available(&self, agent: usize, out: &mut [u8]) {
+        debug_assert!(agent < self.sizes().agents);
+        out.fill(1);
+    }
+}
+
+/// The fixed sizes of a world.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Sizes {
+    pub agents: usize,
+    /// Length of the observation, per agent.
+    pub obs_size: Vec<usize>,
+    /// Number of actions, per agent; action `a` of agent `i` exists when `a < n_actions[i]`.
+    pub n_actions: Vec<usize>,
+    /// Steps after which an episode ends in any case.
+    pub episode_limit: u32,
+}
+
+/// Whether and why the episode is over after a step. Learners treat the two ends differently.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    Running,
+    /// The world itself came to an end, be it in the last allowed step.
+    Terminated,
+    /// Only the step limit ended the episode.
+    TimeLimit,
+}

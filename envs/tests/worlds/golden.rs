@@ -1,0 +1,39 @@
+//! Replays traces recorded from the reference: excerpts always, all of them where `RONDO_GOLDEN` names the
+//! folder that holds them.
+//!
+//! Three excerpts are whole episodes of the full traces: the first six, and those in which players swap places
+//! or share a cell. The fourth (`-pen`) was recorded from the same release with sight 2, a penalty of 0.1 and
+//! starts with two players in one cell, which none of the full traces has.
+
+use std::path::Path;
+
+use crate::traces::{excerpts, foraging, replay_text, text};
+
+#[test]
+fn the_excerpts_come_out_exactly_as_recorded() {
+    let reports: Vec<String> =
+        foraging(&excerpts()).iter().map(|path| replay_text(&text(path)).unwrap().to_string()).collect();
+    let expected = [
+        "lbf-10x10-3p-3f: 13 episodes, 584 steps, all exact",
+        "lbf-15x15-4p-3f: 20 episodes, 816 steps, all exact",
+        "lbf-2s-6x6-4p-2f-pen: 8 episodes, 228 steps, all exact",
+        "lbf-8x8-2p-2f-coop: 10 episodes, 453 steps, all exact",
+    ];
+    assert_eq!(reports, expected);
+}
+
+#[test]
+fn the_full_traces_come_out_exactly_as_recorded() {
+    let Some(folder) = std::env::var_os("RONDO_GOLDEN") else {
+        eprintln!("skipped: RONDO_GOLDEN does not name the folder of the full traces");
+        return;
+    };
+    let paths = foraging(Path::new(&folder));
+    assert!(!paths.is_empty(), "no lbf-*.jsonl.gz in {folder:?}, the folder that RONDO_GOLDEN names");
+    for path in paths {
+        let report = replay_text(&text(&path)).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        println!("{report}");
+        assert_eq!(report.mismatches, 0, "{}: {report}", path.display());
+        assert!(report.steps > 0, "{}: {report}", path.display());
+    }
+}

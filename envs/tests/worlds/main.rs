@@ -1,0 +1,8 @@
+//! The worlds from outside: against the rules worked out by hand, against chance, and against the reference.
+
+mod conformance;
+mod foraging_starts;
+mod foraging_steps;
+mod golden;
+mod spoilt_traces;
+mod traces;

@@ -1,0 +1,48 @@
+//! What can go wrong between a run folder and a picture.
+
+use std::path::PathBuf;
+
+/// Every variant names the file, and where it helps the line, that the reader has to look at.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    #[error("cannot read {path}: {source}", path = .path.display())]
+    Read { path: PathBuf, source: std::io::Error },
+
+    #[error("cannot write {path}: {source}", path = .path.display())]
+    Write { path: PathBuf, source: std::io::Error },
+
+    #[error(
+        "{path} is neither a run (a folder with config.toml), nor a folder of runs, nor a curve file (.json)",
+        path = .path.display()
+    )]
+    NotARun { path: PathBuf },
+
+    /// `config.toml` cannot be parsed, or lacks what a label is made of.
+    #[error("{path}: {problem}", path = .path.display())]
+    Config { path: PathBuf, problem: String },
+
+    /// A row that is not what the run's writer writes; `place` is the line from 1 or, in a curve
+    /// file, the entry (`rows[3]`).
+    #[error("{path}:{place}: {problem}; the file is damaged, leave this run out or repeat it", path = .path.display())]
+    Damaged { path: PathBuf, place: String, problem: String },
+
+    /// The file is sound, but no row has a number of this name.
+    #[error("no row of {path} has a number named `{metric}`; {found}", path = .path.display())]
+    NoRows { path: PathBuf, metric: String, found: String },
+
+    /// The same seed twice is one sample, and would make the standard error too small.
+    #[error(
+        "{first} and {second} are both seed {seed} of `{label}`; leave one of them out",
+        first = .first.display(), second = .second.display()
+    )]
+    RepeatedSeed { label: String, seed: u64, first: PathBuf, second: PathBuf },
+
+    #[error("cannot tell the kind of picture from {path}; end the name in .svg or .png", path = .path.display())]
+    Extension { path: PathBuf },
+
+    #[error("nothing to draw: {0}")]
+    Empty(String),
+
+    #[error("cannot turn the drawing into {path}: {problem}", path = .path.display())]
+    Raster { path: PathBuf, problem: String },
+}

@@ -1,0 +1,216 @@
+//! Every number of spec §10, to the digits printed there.
+//!
+//! Four last digits differ from the spec, and the tests hold the right ones: `ρ(0.5)` is 0.48265,
+//! printed as 0.4827 after rounding twice; the best ω (0.6185, ρ 0.4367) and the end of stability
+//! (0.7845) were read off a grid of 0.0005 and are 0.61875, 0.43656 and 0.78416.
+
+use super::*;
+
+#[track_caller]
+fn close(found: f64, expected: f64, tolerance: f64) {
+    assert!((found - expected).abs() <= tolerance, "found {found}, expected {expected} within {tolerance}");
+}
+
+fn sorted(a: &Matrix) -> Vec<(f64, f64)> {
+    let mut values: Vec<_> = eigenvalues(a).iter().map(|value| (value.re, value.im)).collect();
+    values.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    values
+}
+
+#[track_caller]
+fn has_eigenvalues(a: &Matrix, expected: [(f64, f64); 3]) {
+    for (found, expected) in sorted(a).into_iter().zip(expected) {
+        close(found.0, expected.0, 1e-7);
+        close(found.1, expected.1, 1e-7);
+    }
+}
+
+#[test]
+fn the_fixed_point_is_six_sevenths_and_costs_one_seventh() {
+    let star = fixed_point();
+    assert_eq!(star, [6.0 / 7.0; 3]);
+    close(cost(&star), 1.0 / 7.0, 1e-15);
+    assert_eq!(cost(&START), 1.0);
+    (0..AGENTS).for_each(|i| close(best_response(&star, i), star[i], 1e-15));
+}
+
+#[test]
+fn both_forms_of_the_cost_agree() {
+    for k in [[0.0, 0.0, 0.0], [1.0, -2.0, 3.5], [0.9, 0.8, 0.857]] {
+        close(excess_cost(&k), cost(&k) - 1.0 / 7.0, 1e-14);
+    }
+}
+
+#[test]
+fn gamma_has_the_eigenvalues_of_the_spec() {
+    assert_eq!(gamma(), [[1.5, 1.0, 1.0], [1.0, 1.5, 1.0], [1.0, 1.0, 1.5]]);
+    has_eigenvalues(&gamma(), [(0.5, 0.0), (0.5, 0.0), (3.5, 0.0)]);
+}
+
+#[test]
+fn iibr_diverges_with_spectral_radius_four_thirds() {
+    let a = Scheme::IIBR.update_matrix(0);
+    let off = -2.0 / 3.0;
+    assert_eq!(a, [[0.0, off, off], [off, 0.0, off], [off, off, 0.0]]);
+    has_eigenvalues(&a, [(-4.0 / 3.0, 0.0), (2.0 / 3.0, 0.0), (2.0 / 3.0, 0.0)]);
+    close(spectral_radius(&a), 4.0 / 3.0, 1e-12);
+}
+
+#[test]
+fn a_sweep_of_sibr_has_the_papers_matrix_and_complex_eigenvalues() {
+    let a = Scheme::SIBR.sweep_matrix();
+    let paper = [[0.0, -18.0, -18.0], [0.0, 12.0, -6.0], [0.0, 4.0, 16.0]];
+    for (row, expected) in a.iter().zip(paper) {
+        row.iter().zip(expected).for_each(|(found, expected)| close(*found, expected / 27.0, 1e-15));
+    }
+    let (re, im) = (14.0 / 27.0, 20.0_f64.sqrt() / 27.0);
+    has_eigenvalues(&a, [(0.0, 0.0), (re, -im), (re, im)]);
+    close(re, 0.518519, 5e-7);
+    close(im, 0.165635, 5e-7);
+    close(spectral_radius(&a), 6.0 * 6.0_f64.sqrt() / 27.0, 1e-12);
+    close(spectral_radius(&a), 0.544331, 5e-7);
+    close(spectral_radius(&a).cbrt(), 0.8165, 5e-5);
+}
+
+#[test]
+fn the_iibr_iterates_are_those_of_the_table() {
+    let table = [
+        (1, 2.0, 1.666667),
+        (2, -0.666667, 2.851852),
+        (3, 2.888889, 4.958848),
+        (4, -1.851852, 8.704618),
+        (5, 4.469136, 15.363766),
+        (6, -3.958848, 27.202250),
+    ];
+    let trajectory = Scheme::IIBR.trajectory(6);
+    for (step, gain, expected) in table {
+        trajectory[step].iter().for_each(|k| close(*k, gain, 5e-7));
+        close(cost(&trajectory[step]), expected, 6e-7);
+    }
+}
+
+#[test]
+fn the_sibr_iterates_are_those_of_the_table() {
+    let table = [
+        (1, [2.0, 0.0, 0.0], 0.333333),
+        (2, [2.0, 0.666667, 0.0], 0.259259),
+        (3, [2.0, 0.666667, 0.222222], 0.251029),
+        (4, [1.407407, 0.666667, 0.222222], 0.192501),
+        (5, [1.407407, 0.913580, 0.222222], 0.182340),
+        (6, [1.407407, 0.913580, 0.452675], 0.173489),
+        (9, [1.089163, 0.972108, 0.625819], 0.151041),
+        (15, [0.868842, 0.929376, 0.801188], 0.143416),
+    ];
+    let trajectory = Scheme::SIBR.trajectory(15);
+    for (step, gains, expected) in table {
+        trajectory[step].iter().zip(gains).for_each(|(k, gain)| close(*k, gain, 5e-7));
+        close(cost(&trajectory[step]), expected, 5e-7);
+    }
+}
+
+#[test]
+fn sibr_never_raises_the_cost_and_iibr_multiplies_its_excess_by_sixteen_ninths() {
+    let sibr = Scheme::SIBR.trajectory(100);
+    assert!(sibr.windows(2).all(|pair| excess_cost(&pair[1]) <= excess_cost(&pair[0])), "Proposition 1");
+    let iibr = Scheme::IIBR.trajectory(30);
+    iibr.windows(2).for_each(|pair| close(excess_cost(&pair[1]) / excess_cost(&pair[0]), 16.0 / 9.0, 1e-9));
+}
+
+#[test]
+fn a_start_with_the_right_mean_lets_even_iibr_converge_at_two_thirds() {
+    let star = 6.0 / 7.0;
+    let k = [star + 1.0, star - 1.0, star];
+    close(distance(&Scheme::IIBR.step(&k, 0)) / distance(&k), 2.0 / 3.0, 1e-14);
+}
+
+#[test]
+fn the_spectral_radius_over_omega_is_that_of_the_table() {
+    let table = [
+        (0.0, 0.5443),
+        (0.1, 0.5446),
+        (0.2, 0.5422),
+        (0.3, 0.5327),
+        (0.4, 0.5130),
+        (0.5, 0.4826),
+        (0.6, 0.4443),
+        (0.7, 0.6686),
+        (0.8, 1.0740),
+        (1.0, 2.3704),
+    ];
+    table.iter().for_each(|(omega, expected)| close(rho(*omega), *expected, 5e-5));
+    // By hand: at ω = 1/2 the polynomial is λ³ − 20/27 λ² + 139/5832 λ + 1000/19683; with its real
+    // root −0.2180945 the pair has modulus sqrt(1000/19683 / 0.2180945) = 0.4826497.
+    close(rho(0.5), 0.4826497, 5e-8);
+}
+
+#[test]
+fn the_best_omega_is_where_the_real_eigenvalue_overtakes_the_complex_pair() {
+    let (omega, least) = best_omega();
+    close(omega, 0.618754, 5e-7);
+    close(least, 0.436565, 5e-7);
+    // Better than the spec's, and than every neighbour.
+    assert!(least < rho(0.6185) && least < rho(omega - 1e-5) && least < rho(omega + 1e-5));
+    let [real, pair, _] = eigenvalues(&Scheme::multi_timescale(omega, 1).sweep_matrix());
+    close(-real.re, pair.modulus(), 1e-7);
+}
+
+#[test]
+fn stability_ends_where_an_eigenvalue_passes_minus_one() {
+    close(stability_limit(), 0.784162, 5e-7);
+    assert!(rho(0.7841) < 1.0 && rho(0.7842) > 1.0, "before the spec's 0.7845");
+    let [real, ..] = eigenvalues(&Scheme::multi_timescale(stability_limit(), 1).sweep_matrix());
+    close(real.re, -1.0, 1e-9);
+}
+
+#[test]
+fn uniform_damping_is_best_at_three_quarters_and_stable_below_six_sevenths() {
+    let sweep = |w: f64| spectral_radius(&Scheme::damped(w).sweep_matrix());
+    close(sweep(0.75), 0.75_f64.powi(3), 1e-9);
+    close(sweep(0.75), 0.4219, 5e-5);
+    assert!(sweep(0.74) > sweep(0.75) && sweep(0.76) > sweep(0.75));
+    assert!(sweep(6.0 / 7.0 - 1e-6) < 1.0 && sweep(6.0 / 7.0 + 1e-6) > 1.0);
+}
+
+#[test]
+fn long_turns_cost_the_sequential_scheme_dearly_and_the_multi_timescale_one_nothing() {
+    let updates = |omega| [1, 2, 10].map(|s| Scheme::multi_timescale(omega, s).updates_until(1e-6, 10_000));
+    assert_eq!(updates(0.0), [Some(72), Some(143), Some(711)]);
+    assert_eq!(updates(0.5), [Some(57), Some(50), Some(56)]);
+    assert_eq!(Scheme::IIBR.updates_until(1e-6, 10_000), None);
+}
+
+#[test]
+fn the_matrices_are_what_the_steps_do() {
+    for scheme in [Scheme::IIBR, Scheme::SIBR, Scheme::multi_timescale(0.3, 2)] {
+        let k = [0.3, -1.2, 2.5];
+        let star = fixed_point();
+        let stepped = (0..3 * scheme.period).fold(k, |k, u| scheme.step(&k, u));
+        let a = scheme.sweep_matrix();
+        let sweep = if scheme == Scheme::IIBR { 3 } else { 3 * scheme.period };
+        assert_eq!(sweep, 3 * scheme.period);
+        for i in 0..AGENTS {
+            let predicted: f64 = (0..AGENTS).map(|j| a[i][j] * (k[j] - star[j])).sum();
+            close(stepped[i] - star[i], predicted, 1e-13);
+        }
+    }
+}
+
+#[test]
+fn eigenvalues_of_known_matrices_are_right() {
+    has_eigenvalues(&[[0.0; 3]; 3], [(0.0, 0.0); 3]);
+    has_eigenvalues(&[[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]], [(2.0, 0.0); 3]);
+    // A rotation about an axis: 1 and ± i; mirrored: −1 and ± i.
+    has_eigenvalues(
+        &[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+        [(0.0, -1.0), (0.0, 1.0), (1.0, 0.0)],
+    );
+    has_eigenvalues(
+        &[[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
+        [(-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)],
+    );
+    has_eigenvalues(
+        &[[1.0, 5.0, -7.0], [0.0, 2.0, 3.0], [0.0, 0.0, 3.0]],
+        [(1.0, 0.0), (2.0, 0.0), (3.0, 0.0)],
+    );
+    assert!(spectral_radius(&[[f64::NAN; 3]; 3]).is_nan(), "what cannot be computed does not look stable");
+}

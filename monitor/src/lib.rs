@@ -1,0 +1,29 @@
+//! Reads runs: learning curves, statistics over seeds, pictures, and the analytic example.
+//! Nothing here is on the training path, and nothing here writes into a run folder.
+//!
+//! ```text
+//! runs        folders and reference files -> curves, curves -> groups of seeds
+//! stats       scores of a run, means over seeds                      (spec §8.3)
+//! compare     our curves against a reference's, test point by test point
+//! plot        learning curves as SVG or PNG
+//! estimation  the analytic example, its report and its picture        (spec §10)
+//! ```
+
+pub mod compare;
+pub mod estimation;
+pub mod plot;
+pub mod runs;
+pub mod stats;
+
+mod chart;
+mod error;
+mod estimation_picture;
+mod estimation_report;
+mod svg;
+
+pub use compare::{compare, Comparison};
+pub use error::Error;
+pub use estimation_picture::estimation_plot;
+pub use estimation_report::estimation_report;
+pub use plot::{plot, PlotOptions};
+pub use runs::{group, load, load_all, Curve, Group, Point};

@@ -1,0 +1,85 @@
+//! The arguments that every role takes, and what follows from them: configuration, run folder, bus.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use bus::{Bus, Options};
+use proto::config::Config;
+use proto::exit;
+use store::{RoleFolder, RunFolder};
+
+use crate::{exit_on_panic, record, start_logs, watch, Failure};
+
+/// The arguments of every role.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Common {
+    /// The experiment's configuration: the same file for every process of the run (`rondo config` writes one)
+    #[arg(long, value_name = "FILE")]
+    pub config: PathBuf,
+    /// The run folder: this role writes its checkpoints, metrics and logs below it, and finds them there again
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Endpoint of a monitor to send scalars to; it may be absent
+    #[arg(long, value_name = "ENDPOINT")]
+    pub monitor: Option<String>,
+    /// Seconds to wait for the other processes of the run
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    pub wait: u64,
+    /// Write down everything this role sends and declares on the bus, as JSON lines
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
+    /// End at once when stdin closes: set by the launcher, which holds the other end
+    #[arg(long, hide = true)]
+    pub with_launcher: bool,
+}
+
+/// What a role's process has opened before the role begins.
+pub struct OpenRole {
+    /// The validated configuration.
+    pub config: Config,
+    /// The role's part of the run folder.
+    pub folder: RoleFolder,
+    /// Its side of the bus.
+    pub bus: Arc<dyn Bus>,
+    /// How long to wait for others.
+    pub wait: Duration,
+}
+
+impl Common {
+    /// Opens everything, in the order in which mistakes should be reported: configuration, folder, bus.
+    ///
+    /// # Errors
+    /// Whatever is wrong with one of them.
+    pub fn open(&self, role: &str, listen: Vec<String>, connect: Vec<String>) -> Result<OpenRole, Failure> {
+        exit_on_panic();
+        if self.with_launcher {
+            watch::leave_with_launcher();
+        }
+        let text = std::fs::read_to_string(&self.config).map_err(|error| {
+            let hint = "hint: `rondo config TASK` writes a configuration";
+            Failure::new(exit::CONFIG, format!("cannot read {}: {error}; {hint}", self.config.display()))
+        })?;
+        let config = Config::from_toml(&text)
+            .map_err(|error| Failure::new(exit::CONFIG, format!("{}: {error}", self.config.display())))?;
+        config.validate()?;
+        let folder = RunFolder::create_or_open(&self.out, &config.to_toml())?.role(role)?;
+        start_logs(Some(folder.log_file()?));
+
+        let wait = Duration::from_secs(self.wait);
+        let mut bus = bus::open(&Options {
+            listen,
+            connect,
+            optional_connect: self.monitor.iter().cloned().collect(),
+            connect_timeout: wait,
+            low_latency: config.bus.low_latency,
+        })?;
+        if let Some(path) = &self.record {
+            bus = record::record_to(bus, path)?;
+        }
+        for endpoint in bus.endpoints() {
+            println!("{} {endpoint}", watch::LISTENING);
+        }
+        Ok(OpenRole { config, folder, bus, wait })
+    }
+}

@@ -1,0 +1,13 @@
+//! What the process of every role does the same way: common arguments, logs, signals, the watch over
+//! the launcher, exit codes. Nothing here decides anything about a run's result.
+
+mod arguments;
+mod failure;
+mod logs;
+mod record;
+mod watch;
+
+pub use arguments::{Common, OpenRole};
+pub use failure::{exit_on_panic, parse_arguments, report, Failure};
+pub use logs::start_logs;
+pub use watch::{stop_on_signals, LISTENING};

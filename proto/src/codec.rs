@@ -1,0 +1,134 @@
+//! The frame around every message, and the only place that names `bincode`.
+//!
+//! Byte 0 is [`WIRE_VERSION`], byte 1 the message's tag, the rest its content. Tick messages lay their content out
+//! themselves ([`crate::tick`]); control messages ([`crate::control`]) are encoded here. Decoding is bounded, never
+//! panics, and treats leftover bytes as an error: they mean a desynced or foreign peer.
+
+use serde::de::DeserializeOwned;
+use serde::Serialize;
+use thiserror::Error;
+
+/// Version of the wire format. Encodings are positional: reordering or adding a field changes the meaning of the
+/// bytes, so any such change raises this number.
+pub const WIRE_VERSION: u8 = 1;
+
+/// Version and tag.
+const FRAME_BYTES: usize = 2;
+
+/// No control message is longer, whatever its own limit.
+const LONGEST_CONTROL_MESSAGE: usize = 4096;
+
+/// Bound on what bincode may claim while it decodes one message. It charges a number that took one byte on the wire
+/// with the eight it takes in memory; twice that leaves room for the lengths. Without a bound, a hostile length makes
+/// bincode panic.
+const DECODE_LIMIT: usize = 16 * LONGEST_CONTROL_MESSAGE;
+
+/// Why bytes are not the message they should be, or a message cannot be sent.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum WireError {
+    /// Not even a frame or a header.
+    #[error("{name} message of {found} bytes: expected at least {expected}")]
+    TooShort { name: &'static str, expected: usize, found: usize },
+    /// The peer was built from another version of the project.
+    #[error(
+        "message of wire version {theirs}: this program speaks version {ours}; \
+         install the same version of rondo on every host"
+    )]
+    Version { ours: u8, theirs: u8 },
+    /// Another message than the one that belongs here.
+    #[error("message with tag {found}: expected {name}, tag {expected}")]
+    Tag { name: &'static str, expected: u8, found: u8 },
+    /// The header promises another length.
+    #[error("{name} message of {found} bytes: its header says {expected}")]
+    Length { name: &'static str, expected: u64, found: usize },
+    /// Longer than this message may be.
+    #[error("{name} message of {found} bytes: at most {limit} are allowed")]
+    TooLong { name: &'static str, limit: usize, found: usize },
+    /// Well-formed bytes that say something impossible.
+    #[error("{name} message: {what}")]
+    Value { name: &'static str, what: String },
+    /// Bytes after the end of the message.
+    #[error("{name} message followed by {extra} more bytes")]
+    Trailing { name: &'static str, extra: usize },
+    /// The content does not follow the encoding.
+    #[error("{name} message: {text}")]
+    Bincode { name: &'static str, text: String },
+}
+
+/// A control message: rare, small, encoded by serde and bincode.
+pub trait Message: Serialize + DeserializeOwned {
+    /// Byte 1 of the message; unique among all messages, those of [`crate::tick`] included.
+    const TAG: u8;
+    /// The name used in errors.
+    const NAME: &'static str;
+    /// Longest permitted message, frame included.
+    const MAX_BYTES: usize;
+
+    /// What the types cannot say. Checked before sending and after receiving.
+    ///
+    /// # Errors
+    /// A sentence fragment: what is wrong and what was expected.
+    fn check(&self) -> Result<(), String> {
+        Ok(())
+    }
+}
+
+/// The message as it goes over the bus.
+///
+/// # Errors
+/// [`WireError::Value`] and [`WireError::TooLong`] for a message that every receiver would refuse.
+pub fn encode<M: Message>(message: &M) -> Result<Vec<u8>, WireError> {
+    message.check().map_err(|what| WireError::Value { name: M::NAME, what })?;
+    let mut bytes = vec![WIRE_VERSION, M::TAG];
+    bincode::serde::encode_into_std_write(message, &mut bytes, options())
+        .map_err(|error| WireError::Bincode { name: M::NAME, text: error.to_string() })?;
+    if bytes.len() > M::MAX_BYTES {
+        return Err(WireError::TooLong { name: M::NAME, limit: M::MAX_BYTES, found: bytes.len() });
+    }
+    Ok(bytes)
+}
+
+/// The message in these bytes, all of which must belong to it.
+///
+/// # Errors
+/// [`WireError`] for anything but a complete, permitted message of this type and version.
+pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, WireError> {
+    check_frame(bytes, M::NAME, M::TAG, FRAME_BYTES)?;
+    if bytes.len() > M::MAX_BYTES {
+        return Err(WireError::TooLong { name: M::NAME, limit: M::MAX_BYTES, found: bytes.len() });
+    }
+    let content = &bytes[FRAME_BYTES..];
+    let (message, used) = bincode::serde::decode_from_slice::<M, _>(content, options())
+        .map_err(|error| WireError::Bincode { name: M::NAME, text: error.to_string() })?;
+    if used < content.len() {
+        return Err(WireError::Trailing { name: M::NAME, extra: content.len() - used });
+    }
+    message.check().map_err(|what| WireError::Value { name: M::NAME, what })?;
+    Ok(message)
+}
+
+/// Checks version and tag, then that at least `shortest` bytes are there. The version comes first, because a peer of
+/// another version may have other tags and other lengths.
+pub(crate) fn check_frame(
+    bytes: &[u8],
+    name: &'static str,
+    tag: u8,
+    shortest: usize,
+) -> Result<(), WireError> {
+    let too_short = WireError::TooShort { name, expected: shortest, found: bytes.len() };
+    let &[theirs, found, ..] = bytes else { return Err(too_short) };
+    if theirs != WIRE_VERSION {
+        return Err(WireError::Version { ours: WIRE_VERSION, theirs });
+    }
+    if found != tag {
+        return Err(WireError::Tag { name, expected: tag, found });
+    }
+    if bytes.len() < shortest {
+        return Err(too_short);
+    }
+    Ok(())
+}
+
+fn options() -> impl bincode::config::Config {
+    bincode::config::standard().with_limit::<DECODE_LIMIT>()
+}

@@ -1,0 +1,286 @@
+//! The experiment's configuration: everything that decides its result, in one value.
+//!
+//! Every process of a run holds the same [`Config`] and compares [`Config::digest`] when it joins. Where a process
+//! listens and where it writes is not part of it. Every key is always present in the file; defaults come from
+//! [`crate::presets`], and keys that do not exist are errors, because a misspelt key that is silently ignored is a
+//! known way to publish wrong results (spec §11).
+
+pub mod limits;
+mod parse;
+mod period;
+mod validate;
+
+pub use parse::ConfigError;
+pub use period::{Period, PeriodError};
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// One experiment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Name of the run: part of every key on the bus and the name of its folder.
+    pub run: String,
+    /// All chance follows from it ([`crate::stream`]).
+    pub seed: u64,
+    /// Environment steps to learn from, summed over copies; the round that reaches it is the last (spec §8.1).
+    pub t_max: u64,
+    pub world: World,
+    pub algo: Algo,
+    pub schedule: Schedule,
+    pub test: Test,
+    pub save: Save,
+    pub log: Log,
+    pub bus: BusOptions,
+}
+
+/// What is learned in.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct World {
+    /// Canonical name of the task; opaque here.
+    pub task: String,
+    /// Agents in the team.
+    pub agents: u32,
+    /// Environment copies, each good for one episode of a round: the episodes in a batch (spec §2.3).
+    pub copies: u32,
+}
+
+/// How each agent learns.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Algo {
+    pub name: AlgoName,
+    /// Which published variant the other keys started from; it decides nothing by itself.
+    pub profile: Profile,
+    /// The actor's network; the critic is always fully connected (spec §1.2).
+    pub network: Network,
+    /// Width of the hidden layers of actor and critic.
+    pub hidden: u32,
+    /// Discount factor.
+    pub gamma: f64,
+    /// Passes over the batch in one update call.
+    pub epochs: u32,
+    /// PPO's clip ε.
+    pub clip: f64,
+    pub entropy_coef: f64,
+    /// Rewards in an n-step return before it bootstraps (spec §4.3).
+    pub n_step: u32,
+    /// Above 1: the target critic is copied every that many update calls. Up to 1: Polyak τ (spec §4.4).
+    pub target_update: f64,
+    /// Gradients of one agent's actor, and of its critic, are scaled down to this norm.
+    pub max_grad_norm: f64,
+    pub clip_scope: ClipScope,
+    pub end_of_batch: EndOfBatch,
+    pub reward_standardisation: RewardStandardisation,
+    pub frozen_moments: FrozenMoments,
+}
+
+/// The published algorithms; all three are independent PPO and differ in their rates only (spec §6.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AlgoName {
+    /// Independent: one rate for everyone.
+    Ippo,
+    /// Multi-timescale: one rate for each level.
+    Mtppo,
+    /// Sequential: every rate but the first is zero.
+    Sppo,
+}
+
+impl AlgoName {
+    pub const ALL: [Self; 3] = [Self::Ippo, Self::Mtppo, Self::Sppo];
+
+    /// As in the configuration file.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ippo => "ippo",
+            Self::Mtppo => "mtppo",
+            Self::Sppo => "sppo",
+        }
+    }
+}
+
+impl fmt::Display for AlgoName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+impl FromStr for AlgoName {
+    type Err = UnknownChoice;
+
+    fn from_str(text: &str) -> Result<Self, UnknownChoice> {
+        choose(text, "algorithm", Self::ALL, Self::as_str)
+    }
+}
+
+/// Two published variants of the same algorithm (spec §11).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Profile {
+    /// EPyMARL as it is today.
+    Epymarl,
+    /// The 2021 benchmark's rules for rewards and for the end of a batch.
+    Benchmark2021,
+}
+
+impl Profile {
+    pub const ALL: [Self; 2] = [Self::Epymarl, Self::Benchmark2021];
+
+    /// As in the configuration file.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Epymarl => "epymarl",
+            Self::Benchmark2021 => "benchmark2021",
+        }
+    }
+}
+
+impl fmt::Display for Profile {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+impl FromStr for Profile {
+    type Err = UnknownChoice;
+
+    fn from_str(text: &str) -> Result<Self, UnknownChoice> {
+        choose(text, "profile", Self::ALL, Self::as_str)
+    }
+}
+
+/// A name given on the command line that stands for nothing.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("unknown {what} `{found}`: expected {expected}")]
+pub struct UnknownChoice {
+    what: &'static str,
+    found: String,
+    expected: String,
+}
+
+fn choose<T: Copy, const N: usize>(
+    text: &str,
+    what: &'static str,
+    all: [T; N],
+    name: fn(T) -> &'static str,
+) -> Result<T, UnknownChoice> {
+    all.into_iter().find(|&choice| name(choice) == text).ok_or_else(|| UnknownChoice {
+        what,
+        found: text.to_owned(),
+        expected: all.map(|choice| format!("`{}`", name(choice))).join(" or "),
+    })
+}
+
+/// The actor's network (spec §1.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Network {
+    /// Two fully connected hidden layers.
+    Fc,
+    /// A fully connected layer, then a gated recurrent unit.
+    Gru,
+}
+
+/// Over whose gradients the norm is taken that is clipped (spec §6.4).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ClipScope {
+    PerAgent,
+    /// Understood, but refused by [`Config::validate`]: agents in processes of their own share no gradients.
+    Joint,
+}
+
+/// What stands in for the future at the last slot of a batch (spec §4.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EndOfBatch {
+    /// The target critic at the last slot, for every episode and without a mask.
+    Epymarl,
+    /// Nothing.
+    NoBootstrap,
+    /// The target critic one slot earlier, in place of the last reward.
+    Benchmark2021,
+    /// The target critic at each episode's own end if the step limit ended it, else nothing.
+    Correct,
+}
+
+/// How rewards are scaled before learning (spec §2.6).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RewardStandardisation {
+    Off,
+    /// By mean and variance of all rewards so far.
+    Running,
+    /// By mean and deviation of this batch.
+    Batch,
+}
+
+/// What Adam's moments do in an update call at rate 0 (spec §6.4).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FrozenMoments {
+    /// They follow the gradients while the parameters stand still.
+    Update,
+    /// They stand still too.
+    Hold,
+}
+
+/// Who learns at which rate, and when that changes (spec §6).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Schedule {
+    /// Learning rate of each level, for actor and critic alike.
+    pub rates: Vec<f64>,
+    /// The level of each agent in period 0; in period `p` agent `i` has `levels[(i - p) mod n]`.
+    pub levels: Vec<u32>,
+    /// How long a period lasts.
+    pub switch_period: Period,
+    pub switch_unit: SwitchUnit,
+}
+
+/// What a period is counted in (spec §6.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SwitchUnit {
+    UpdateCall,
+    /// One for each epoch; an update call keeps the rates with which it began.
+    GradientStep,
+}
+
+/// When and how long to test (spec §8.2).
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Test {
+    /// Environment steps between tests.
+    pub interval: u64,
+    /// Episodes in a test.
+    pub episodes: u32,
+}
+
+/// When to write checkpoints.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Save {
+    /// Rounds between checkpoints: the most work that a lost process costs.
+    pub interval: u64,
+}
+
+/// When to write metric rows.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Log {
+    /// Environment steps between rows.
+    pub interval: u64,
+}
+
+/// How processes talk; the same on both sides of a connection, or they would not understand each other.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BusOptions {
+    /// The faster transport, which cannot carry a tick of 32 KiB or more.
+    pub low_latency: bool,
+}

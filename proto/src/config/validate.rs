@@ -1,0 +1,170 @@
+//! What the types of a configuration cannot say, judged all at once.
+
+use super::limits::{MAX_AGENTS, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_TASK_NAME, MAX_TEST_EPISODES};
+use super::{Algo, AlgoName, ClipScope, Config, ConfigError, Period, Schedule, World};
+use crate::codec::Message;
+use crate::control::Rates;
+use crate::keys::check_run_name;
+use std::fmt::Display;
+
+impl Config {
+    /// Whether a run can be made of this configuration.
+    ///
+    /// # Errors
+    /// [`ConfigError::Invalid`] with every mistake, not only the first.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let mut mistakes = Mistakes(Vec::new());
+        if let Err(error) = check_run_name(&self.run) {
+            mistakes.add(format!("`run`: {error}"));
+        }
+        mistakes.at_least_one("t_max", self.t_max);
+        self.world.judge(&mut mistakes);
+        self.algo.judge(&mut mistakes);
+        self.schedule.judge(self.world.agents, self.algo.name, &mut mistakes);
+        mistakes.at_least_one("test.interval", self.test.interval);
+        mistakes.within("test.episodes", self.test.episodes, MAX_TEST_EPISODES);
+        mistakes.at_least_one("save.interval", self.save.interval);
+        mistakes.at_least_one("log.interval", self.log.interval);
+        mistakes.into_result()
+    }
+}
+
+impl World {
+    fn judge(&self, mistakes: &mut Mistakes) {
+        if self.task.is_empty() || self.task.len() > MAX_TASK_NAME || self.task.chars().any(char::is_control)
+        {
+            mistakes.add(format!("`world.task`: expected a name of 1 to {MAX_TASK_NAME} printable bytes"));
+        }
+        mistakes.within("world.agents", self.agents, MAX_AGENTS);
+        mistakes.within("world.copies", self.copies, MAX_COPIES);
+    }
+}
+
+impl Algo {
+    fn judge(&self, mistakes: &mut Mistakes) {
+        mistakes.within("algo.hidden", self.hidden, MAX_HIDDEN);
+        let share = (0.0..=1.0).contains(&self.gamma);
+        mistakes.expect(share, "algo.gamma", self.gamma, "a number from 0 to 1");
+        mistakes.within("algo.epochs", self.epochs, MAX_EPOCHS);
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        mistakes.expect(positive(self.clip), "algo.clip", self.clip, "a number above 0");
+        let no_penalty = self.entropy_coef.is_finite() && self.entropy_coef >= 0.0;
+        mistakes.expect(no_penalty, "algo.entropy_coef", self.entropy_coef, "a number from 0");
+        mistakes.at_least_one("algo.n_step", u64::from(self.n_step));
+        let rule =
+            positive(self.target_update) && (self.target_update <= 1.0 || self.target_update.fract() == 0.0);
+        mistakes.expect(
+            rule,
+            "algo.target_update",
+            self.target_update,
+            "a whole number of update calls above 1, or a Polyak factor above 0 and up to 1",
+        );
+        mistakes.expect(
+            positive(self.max_grad_norm),
+            "algo.max_grad_norm",
+            self.max_grad_norm,
+            "a number above 0",
+        );
+        mistakes.expect(
+            self.clip_scope == ClipScope::PerAgent,
+            "algo.clip_scope",
+            "`joint`",
+            "`per_agent`, because agents in processes of their own cannot share a gradient norm",
+        );
+    }
+}
+
+impl Schedule {
+    fn judge(&self, agents: u32, name: AlgoName, mistakes: &mut Mistakes) {
+        if self.rates.is_empty() {
+            mistakes.add("`schedule.rates` is empty: expected a learning rate for each level");
+        }
+        for (level, &rate) in self.rates.iter().enumerate() {
+            let key = format!("schedule.rates[{level}]");
+            mistakes.expect((0.0..=1.0).contains(&rate), &key, rate, "a number from 0 to 1");
+        }
+        self.judge_levels(agents, mistakes);
+        self.judge_name(name, mistakes);
+        let longest = Rates::longest(self.levels.len(), self.rates.len());
+        if longest > Rates::MAX_BYTES {
+            mistakes.add(format!(
+                "`schedule`: {} agents with {} rates make a schedule message of up to {longest} bytes: \
+                 expected at most {}, so use fewer agents or fewer rates",
+                self.levels.len(),
+                self.rates.len(),
+                Rates::MAX_BYTES
+            ));
+        }
+        if self.switch_period == Period::Every(0) {
+            mistakes.add("`schedule.switch_period` is 0: expected a whole number from 1, or \"inf\"");
+        }
+    }
+
+    fn judge_levels(&self, agents: u32, mistakes: &mut Mistakes) {
+        if self.levels.len() != agents as usize {
+            mistakes.add(format!(
+                "`schedule.levels` has {} entries: expected one for each of the {agents} agents",
+                self.levels.len()
+            ));
+        }
+        let known = self.rates.len();
+        if let Some(level) = self.levels.iter().find(|&&level| level as usize >= known) {
+            mistakes.add(format!(
+                "`schedule.levels` names level {level}: `schedule.rates` has {known} levels, from 0"
+            ));
+        }
+        for level in (0..known).filter(|&level| !self.levels.iter().any(|&used| used as usize == level)) {
+            mistakes.add(format!("`schedule.rates[{level}]` is used by no agent: give it one, or remove it"));
+        }
+    }
+
+    /// A result must not be published under the name of another algorithm.
+    fn judge_name(&self, name: AlgoName, mistakes: &mut Mistakes) {
+        let others = self.rates.get(1..).unwrap_or_default();
+        let agree = match name {
+            AlgoName::Mtppo => true,
+            AlgoName::Ippo => self.rates.windows(2).all(|pair| pair[0] == pair[1]),
+            AlgoName::Sppo => self.rates.first() != Some(&0.0) && others.iter().all(|&rate| rate == 0.0),
+        };
+        let expected = match name {
+            AlgoName::Sppo => "a first rate above 0 and zero for the others; for other rates use `mtppo`",
+            _ => "equal rates; for different rates use `mtppo`",
+        };
+        if !agree {
+            mistakes.add(format!("`schedule.rates` with `algo.name` = `{name}`: expected {expected}"));
+        }
+    }
+}
+
+struct Mistakes(Vec<String>);
+
+impl Mistakes {
+    fn add(&mut self, mistake: impl Into<String>) {
+        self.0.push(mistake.into());
+    }
+
+    fn expect(&mut self, holds: bool, key: &str, found: impl Display, expected: &str) {
+        if !holds {
+            self.add(format!("`{key}` is {found}: expected {expected}"));
+        }
+    }
+
+    fn within(&mut self, key: &str, value: u32, most: u32) {
+        self.expect((1..=most).contains(&value), key, value, &format!("a number from 1 to {most}"));
+    }
+
+    fn at_least_one(&mut self, key: &str, value: u64) {
+        self.expect(value > 0, key, value, "a number from 1");
+    }
+
+    fn into_result(self) -> Result<(), ConfigError> {
+        if self.0.is_empty() {
+            Ok(())
+        } else {
+            Err(ConfigError::Invalid(self.0))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

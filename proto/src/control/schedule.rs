@@ -1,0 +1,221 @@
+//! The schedule of learning rates as the coordinator tells it, and how it learns where the agents are.
+
+use crate::codec::Message;
+use serde::{Deserialize, Serialize};
+
+/// Who learns at which rate in the update calls from `from` up to, not including, `until`.
+///
+/// - key: `schedule`, as a publication and as the reply to [`RatesQuery`]
+/// - from the coordinator to every agent
+/// - if lost: the agent asks for it; no agent makes an update call that no schedule covers
+///
+/// This is all that agents hear about each other, so it is kept small: 64 bytes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Rates {
+    /// First update call that this covers, counted from zero.
+    pub from: u64,
+    /// First update call that this no longer covers; [`Rates::FOR_EVER`] if it never changes again.
+    pub until: u64,
+    /// The agent at the head of the pattern of levels, `fast(u)` in spec §6.2; its rate may be the smaller one.
+    pub fast_agent: u32,
+    /// The learning rate of each level.
+    pub rates: Vec<f64>,
+    /// The level of each agent now, by agent.
+    pub levels: Vec<u8>,
+}
+
+impl Rates {
+    /// The value of `until` for a schedule that never changes again.
+    pub const FOR_EVER: u64 = u64::MAX;
+
+    /// The learning rate of an agent; `None` if there is no such agent.
+    pub fn rate_of(&self, agent: u32) -> Option<f64> {
+        let level = self.levels.get(usize::try_from(agent).ok()?)?;
+        self.rates.get(usize::from(*level)).copied()
+    }
+
+    /// Whether this says what happens in an update call.
+    pub fn covers(&self, update_call: u64) -> bool {
+        (self.from..self.until).contains(&update_call)
+    }
+
+    /// Bytes of the longest message for a team of this size with this many levels, whatever the update call.
+    pub const fn longest(agents: usize, levels: usize) -> usize {
+        let frame = 2;
+        let from_and_until = 2 * varint_bytes(u64::MAX);
+        let fast_agent = varint_bytes((agents as u64).saturating_sub(1));
+        let rates = varint_bytes(levels as u64) + 8 * levels;
+        let level_of_each = varint_bytes(agents as u64) + agents;
+        frame + from_and_until + fast_agent + rates + level_of_each
+    }
+}
+
+/// Bytes that the encoding spends on an unsigned number.
+const fn varint_bytes(value: u64) -> usize {
+    match value {
+        0..=250 => 1,
+        251..=0xffff => 3,
+        0x1_0000..=0xffff_ffff => 5,
+        _ => 9,
+    }
+}
+
+impl Message for Rates {
+    const TAG: u8 = 5;
+    const NAME: &'static str = "Rates";
+    const MAX_BYTES: usize = 64;
+
+    fn check(&self) -> Result<(), String> {
+        if self.from >= self.until {
+            return Err(format!(
+                "covers update calls {} to {}: expected at least one",
+                self.from, self.until
+            ));
+        }
+        if let Some(rate) = self.rates.iter().find(|rate| !(rate.is_finite() && **rate >= 0.0)) {
+            return Err(format!("a rate is {rate}: expected a finite number from 0"));
+        }
+        if self.levels.get(self.fast_agent as usize).is_none() {
+            let agents = self.levels.len();
+            return Err(format!("the fast agent is {} in a team of {agents}", self.fast_agent));
+        }
+        if let Some(level) = self.levels.iter().find(|&&level| usize::from(level) >= self.rates.len()) {
+            return Err(format!("an agent has level {level}, but there are {} rates", self.rates.len()));
+        }
+        Ok(())
+    }
+}
+
+/// An agent asks for the schedule of an update call.
+///
+/// - key: query on `schedule`
+/// - from an agent to the coordinator, which replies with the [`Rates`] that cover it
+/// - if lost: asked again
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RatesQuery {
+    /// Update calls completed before the one in question.
+    pub update_call: u64,
+}
+
+impl Message for RatesQuery {
+    const TAG: u8 = 6;
+    const NAME: &'static str = "RatesQuery";
+    const MAX_BYTES: usize = 11;
+}
+
+/// An agent says how far it is, so that the coordinator can publish ahead.
+///
+/// - key: `agent/{i}/progress`
+/// - from agent i to the coordinator, after every update call
+/// - if lost: the next one says more; at worst the agent asks for its rates
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Update calls that this agent has completed.
+    pub update_calls: u64,
+}
+
+impl Message for Progress {
+    const TAG: u8 = 7;
+    const NAME: &'static str = "Progress";
+    const MAX_BYTES: usize = 11;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::{decode, encode, WireError};
+
+    fn rates() -> Rates {
+        Rates { from: 100, until: 200, fast_agent: 1, rates: vec![2e-4, 5e-5], levels: vec![1, 0, 1] }
+    }
+
+    #[test]
+    fn each_agent_reads_its_own_rate() {
+        let rates = rates();
+        assert_eq!(
+            [0, 1, 2, 3].map(|agent| rates.rate_of(agent)),
+            [Some(5e-5), Some(2e-4), Some(5e-5), None]
+        );
+    }
+
+    #[test]
+    fn the_last_covered_update_call_is_the_one_before_until() {
+        assert_eq!([99, 100, 199, 200].map(|u| rates().covers(u)), [false, true, true, false]);
+        let for_ever = Rates { until: Rates::FOR_EVER, ..rates() };
+        assert!(for_ever.covers(u64::MAX - 1));
+    }
+
+    #[test]
+    fn queries_progress_and_rates_come_back_as_they_were_sent() {
+        for value in [0, 250, 251, 65_535, 65_536, u64::MAX] {
+            let query = RatesQuery { update_call: value };
+            assert_eq!(decode(&encode(&query).unwrap()), Ok(query));
+            let progress = Progress { update_calls: value };
+            assert_eq!(decode(&encode(&progress).unwrap()), Ok(progress));
+        }
+        assert_eq!(decode(&encode(&rates()).unwrap()), Ok(rates()));
+    }
+
+    #[test]
+    fn the_longest_message_is_as_long_as_computed() {
+        for levels in 1..=5 {
+            for agents in 1..=40 {
+                let rates = Rates {
+                    from: u64::MAX - 1,
+                    until: u64::MAX,
+                    fast_agent: agents - 1,
+                    rates: vec![1e-4; levels],
+                    levels: vec![0; agents as usize],
+                };
+                let longest = Rates::longest(agents as usize, levels);
+                match encode(&rates) {
+                    Ok(bytes) => assert_eq!(bytes.len(), longest),
+                    Err(error) => {
+                        assert_eq!(error, WireError::TooLong { name: "Rates", limit: 64, found: longest });
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn two_rates_leave_room_for_twenty_five_agents() {
+        assert_eq!(Rates::longest(25, 2), 64);
+        assert_eq!(Rates::longest(26, 2), 65);
+        assert_eq!(Rates::longest(251, 1), 2 + 18 + 1 + 9 + 3 + 251);
+        assert_eq!(Rates::longest(252, 1), 2 + 18 + 3 + 9 + 3 + 252);
+    }
+
+    #[test]
+    fn schedules_that_cannot_be_followed_are_refused() {
+        let refused = |rates: Rates| match encode(&rates).unwrap_err() {
+            WireError::Value { what, .. } => what,
+            other => panic!("expected a value error, got {other:?}"),
+        };
+        assert_eq!(
+            refused(Rates { until: 100, ..rates() }),
+            "covers update calls 100 to 100: expected at least one"
+        );
+        assert_eq!(refused(Rates { fast_agent: 3, ..rates() }), "the fast agent is 3 in a team of 3");
+        assert_eq!(
+            refused(Rates { levels: vec![1, 0, 2], ..rates() }),
+            "an agent has level 2, but there are 2 rates"
+        );
+        for rate in [-1e-4, f64::NAN, f64::INFINITY] {
+            assert_eq!(
+                refused(Rates { rates: vec![rate, 0.0], ..rates() }),
+                format!("a rate is {rate}: expected a finite number from 0")
+            );
+        }
+    }
+
+    #[test]
+    fn what_would_not_be_sent_is_not_accepted_either() {
+        let mut bytes = encode(&rates()).unwrap();
+        bytes[2] = 200;
+        assert_eq!(
+            decode::<Rates>(&bytes).unwrap_err().to_string(),
+            "Rates message: covers update calls 200 to 200: expected at least one"
+        );
+    }
+}

@@ -1,0 +1,21 @@
+//! The exit codes of every program of the project, so that a supervisor can tell "retry" from "give up".
+//!
+//! The numbers are those of BSD's `sysexits.h`, which service managers and batch systems already know.
+
+/// The run is complete, or was stopped on request with its state saved.
+pub const DONE: u8 = 0;
+
+/// The command line was wrong; trying again without changing it is useless.
+pub const USAGE: u8 = 64;
+
+/// A defect of the program itself; please report it.
+pub const BUG: u8 = 70;
+
+/// A file or folder could not be read or written, for instance on a full disk; repair that, then resume.
+pub const IO: u8 = 74;
+
+/// Something outside was missing or went away, for instance a peer; starting the same command again resumes the run.
+pub const AGAIN: u8 = 75;
+
+/// The configuration is wrong, or differs from that of the other processes; trying again is useless.
+pub const CONFIG: u8 = 78;

@@ -1,0 +1,269 @@
+//! A role's checkpoints: one folder per saved round, either whole or not counted.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::files::{self, WRITING};
+use crate::weights::{self, Tensor};
+use crate::Error;
+
+/// How many saved rounds a role keeps: should the newest be damaged, or not be held by the other
+/// roles yet, the run starts again from the one before.
+pub const KEEP: usize = 2;
+
+/// Raised whenever an older program could not read what is written.
+const FORMAT_VERSION: u32 = 1;
+
+const WEIGHTS: &str = "weights.safetensors";
+const STATE: &str = "state.bin";
+const MANIFEST: &str = "manifest.json";
+
+/// How the names of folders start that are being removed.
+const REMOVING: &str = ".removing-";
+
+/// Everything a role needs to go on from the end of a round.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checkpoint {
+    pub round: u64,
+    /// What is not a tensor, in a form that is the role's own: counters, random streams, the
+    /// position in its metrics.
+    pub state: Vec<u8>,
+    /// Loaded in the order of their names, whatever the order was when they were saved.
+    pub tensors: Vec<Tensor>,
+}
+
+/// The checkpoints of one role. Reading (`rounds`, `load`) changes nothing on disk; what a killed
+/// save has left is removed by the next call that writes.
+#[derive(Debug, Clone)]
+pub struct Checkpoints {
+    path: PathBuf,
+}
+
+/// Written last: what it says about the other files makes the checkpoint valid.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Manifest {
+    format_version: u32,
+    round: u64,
+    files: BTreeMap<String, FileRecord>,
+}
+
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FileRecord {
+    bytes: u64,
+    /// In lower-case hexadecimal digits.
+    blake3: String,
+}
+
+impl Manifest {
+    fn of(round: u64, weights: &[u8], state: &[u8]) -> Self {
+        let record = |bytes: &[u8]| FileRecord {
+            bytes: bytes.len() as u64,
+            blake3: blake3::hash(bytes).to_hex().to_string(),
+        };
+        let files = [(WEIGHTS.to_owned(), record(weights)), (STATE.to_owned(), record(state))].into();
+        Self { format_version: FORMAT_VERSION, round, files }
+    }
+}
+
+impl Checkpoints {
+    pub(crate) fn new(path: PathBuf) -> Self {
+        Self { path }
+    }
+
+    /// Saves a round. When this returns, the checkpoint survives a power cut; if the process dies
+    /// before, the earlier ones are as they were. Of the rounds up to this one, the newest
+    /// [`KEEP`] that look whole stay. A round that is there already is replaced.
+    ///
+    /// # Errors
+    /// [`Error::Tensors`] for tensors that cannot be stored, or what the disk says.
+    pub fn save(&self, checkpoint: &Checkpoint) -> Result<(), Error> {
+        let round = checkpoint.round;
+        let weights =
+            weights::encode(&checkpoint.tensors).map_err(|problem| Error::Tensors { round, problem })?;
+        let manifest = Manifest::of(round, &weights, &checkpoint.state);
+        files::ensure_folder(&self.path)?;
+        self.remove_leftovers()?;
+        // A replayed round comes to the same bits: the one that is there must not be put at risk.
+        if !self.read(round).is_ok_and(|there| there.manifest == manifest) {
+            let unfinished = self.path.join(format!("{WRITING}{}", folder_name(round)));
+            if let Err(error) = write_all(&unfinished, &weights, &checkpoint.state, &manifest) {
+                // Gives the space back on a full disk; should it fail, the next save tries again.
+                if let Err(error) = fs::remove_dir_all(&unfinished) {
+                    tracing::warn!(path = %unfinished.display(), %error, "cannot remove an unfinished checkpoint");
+                }
+                return Err(error);
+            }
+            // Only another checkpoint of the same round, or a damaged one, has to make room first.
+            self.remove(round)?;
+            let path = self.folder(round);
+            fs::rename(&unfinished, &path).map_err(Error::io("rename a finished checkpoint to", &path))?;
+            files::sync_folder(&self.path)?;
+        }
+        self.prune(round)?;
+        self.remove_leftovers()
+    }
+
+    /// The rounds that can be loaded, ascending. Every digest is checked; a damaged checkpoint is
+    /// logged as a warning and left out.
+    pub fn rounds(&self) -> Result<Vec<u64>, Error> {
+        let mut rounds = self.listed()?;
+        rounds.retain(|&round| match self.read(round) {
+            Ok(_) => true,
+            Err(error) => {
+                tracing::warn!(round, %error, "left out a damaged checkpoint");
+                false
+            }
+        });
+        Ok(rounds)
+    }
+
+    /// Loads a round after checking every digest.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchRound`] or [`Error::DamagedCheckpoint`].
+    pub fn load(&self, round: u64) -> Result<Checkpoint, Error> {
+        if !self.folder(round).is_dir() {
+            return Err(Error::NoSuchRound { path: self.path.clone(), round, held: self.listed()? });
+        }
+        let Contents { weights, state, .. } = self.read(round)?;
+        let tensors = weights::decode(&weights).map_err(|problem| self.damaged(round, problem))?;
+        Ok(Checkpoint { round, state, tensors })
+    }
+
+    /// Removes the rounds after `round`, damaged ones too: the run starts again from there.
+    pub fn discard_after(&self, round: u64) -> Result<(), Error> {
+        for later in self.listed()?.into_iter().rev().take_while(|&later| later > round) {
+            self.remove(later)?;
+        }
+        self.remove_leftovers()
+    }
+
+    fn folder(&self, round: u64) -> PathBuf {
+        self.path.join(folder_name(round))
+    }
+
+    /// The rounds that have a folder, whole or not, ascending.
+    fn listed(&self) -> Result<Vec<u64>, Error> {
+        let names = files::names(&self.path)?;
+        let mut rounds: Vec<u64> = names.iter().filter_map(|name| round_of(name)).collect();
+        rounds.sort_unstable(); // Names sort like numbers up to 12 digits only.
+        Ok(rounds)
+    }
+
+    fn damaged(&self, round: u64, problem: String) -> Error {
+        Error::DamagedCheckpoint { path: self.folder(round), problem }
+    }
+
+    /// Reads the files of a round and compares them with the manifest.
+    fn read(&self, round: u64) -> Result<Contents, Error> {
+        let manifest = self.manifest(round)?;
+        let read = |name: &str| {
+            fs::read(self.folder(round).join(name))
+                .map_err(|error| self.damaged(round, format!("cannot read {name}: {error}")))
+        };
+        let (weights, state) = (read(WEIGHTS)?, read(STATE)?);
+        let found = Manifest::of(round, &weights, &state);
+        for (name, found) in &found.files {
+            if manifest.files.get(name) != Some(found) {
+                return Err(self.damaged(round, format!("{name} is not the file that {MANIFEST} describes")));
+            }
+        }
+        if manifest != found {
+            return Err(self.damaged(round, format!("{MANIFEST} is that of another checkpoint")));
+        }
+        Ok(Contents { manifest, weights, state })
+    }
+
+    fn manifest(&self, round: u64) -> Result<Manifest, Error> {
+        let bytes = fs::read(self.folder(round).join(MANIFEST))
+            .map_err(|error| self.damaged(round, format!("cannot read {MANIFEST}: {error}")))?;
+        let manifest: Manifest = serde_json::from_slice(&bytes)
+            .map_err(|error| self.damaged(round, format!("cannot understand {MANIFEST}: {error}")))?;
+        if manifest.format_version != FORMAT_VERSION {
+            let problem = format!(
+                "it has format version {}, this program reads {FORMAT_VERSION}",
+                manifest.format_version
+            );
+            return Err(self.damaged(round, problem));
+        }
+        Ok(manifest)
+    }
+
+    /// Whether the files have the sizes they should. Digests are not worth their time here: what
+    /// this misses is found when the round is loaded.
+    fn looks_whole(&self, round: u64) -> bool {
+        let size = |name: &str| fs::metadata(self.folder(round).join(name)).ok().map(|file| file.len());
+        self.manifest(round).is_ok_and(|manifest| {
+            manifest.files.iter().all(|(name, record)| size(name) == Some(record.bytes))
+        })
+    }
+
+    /// Removes what is older than the newest [`KEEP`] up to `newest`, which has just been written
+    /// and is therefore whole. Later rounds are left to [`Checkpoints::discard_after`].
+    fn prune(&self, newest: u64) -> Result<(), Error> {
+        let mut kept = 1;
+        for round in self.listed()?.into_iter().rev().skip_while(|&round| round >= newest) {
+            if kept < KEEP && self.looks_whole(round) {
+                kept += 1;
+            } else {
+                self.remove(round)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes a round away, first of all by its name: a folder that is half removed must not be
+    /// taken for a damaged one.
+    fn remove(&self, round: u64) -> Result<(), Error> {
+        let path = self.folder(round);
+        let removing = self.path.join(format!("{REMOVING}{}", folder_name(round)));
+        match fs::rename(&path, &removing) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+            other => other.map_err(Error::io("rename before removing", &path))?,
+        }
+        fs::remove_dir_all(&removing).map_err(Error::io("remove", &removing))
+    }
+
+    fn remove_leftovers(&self) -> Result<(), Error> {
+        let names = files::names(&self.path)?;
+        for name in names.iter().filter(|name| name.starts_with(WRITING) || name.starts_with(REMOVING)) {
+            let path = self.path.join(name);
+            fs::remove_dir_all(&path).map_err(Error::io("remove", &path))?;
+        }
+        Ok(())
+    }
+}
+
+struct Contents {
+    manifest: Manifest,
+    weights: Vec<u8>,
+    state: Vec<u8>,
+}
+
+fn write_all(folder: &Path, weights: &[u8], state: &[u8], manifest: &Manifest) -> Result<(), Error> {
+    fs::create_dir(folder).map_err(Error::io("create the folder", folder))?;
+    files::write_new(&folder.join(WEIGHTS), weights)?;
+    files::write_new(&folder.join(STATE), state)?;
+    let mut text = serde_json::to_string_pretty(manifest).expect("texts and numbers can be written as JSON");
+    text.push('\n');
+    files::write_new(&folder.join(MANIFEST), text.as_bytes())?;
+    files::sync_folder(folder)
+}
+
+fn folder_name(round: u64) -> String {
+    format!("round-{round:012}")
+}
+
+fn round_of(name: &str) -> Option<u64> {
+    let round = name.strip_prefix("round-")?.parse().ok()?;
+    (folder_name(round) == name).then_some(round)
+}
+
+#[cfg(test)]
+mod tests;

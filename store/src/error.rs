@@ -1,0 +1,167 @@
+//! What can go wrong with a run folder, told to the person who must act.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Every failure of this crate. [`Error::is_config`], [`Error::is_io`] and
+/// [`Error::is_unfinished`] sort them by exit code; what is in none of the three is a mistake of
+/// the program that calls this crate.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    #[error("could not {doing} `{}`: {cause}", path.display())]
+    Io { doing: &'static str, path: PathBuf, cause: io::Error },
+
+    #[error(
+        "no space left: could not {doing} `{}`: {cause}\n\
+         hint: free some and `rondo resume`; the last checkpoint is intact",
+        path.display()
+    )]
+    Full { doing: &'static str, path: PathBuf, cause: io::Error },
+
+    #[error(
+        "`{0}` exists and is not empty, a new run needs a folder of its own\n\
+         hint: go on with the run that is there by `rondo resume {0}`, or choose another folder with --out",
+        path.display()
+    )]
+    Exists { path: PathBuf },
+
+    #[error(
+        "`{}` is not a run folder: there is no config.toml in it\n\
+         hint: name the folder that was given to --out when the run was started",
+        path.display()
+    )]
+    NotARun { path: PathBuf },
+
+    #[error(
+        "`{}` belongs to a run with another configuration; line {line} is the first that differs\n  \
+         there: {}\n  here:  {}\n\
+         hint: start this role with the run's own config.toml, or choose another folder with --out",
+        path.display(), quoted(theirs), quoted(ours)
+    )]
+    OtherConfig {
+        path: PathBuf,
+        /// Counted from 1.
+        line: usize,
+        /// The line in the folder's config.toml; `None` where that has ended.
+        theirs: Option<String>,
+        /// The line in the configuration that was passed; `None` where that has ended.
+        ours: Option<String>,
+    },
+
+    #[error(
+        "`{}` ends after {found} bytes, but the checkpoint counts on {expected}\n\
+         hint: the file was cut or replaced; copy it back, or start the run again in a new folder",
+        path.display()
+    )]
+    ShortMetrics { path: PathBuf, expected: u64, found: u64 },
+
+    #[error(
+        "`{}` is not what the checkpoint counts on: {problem}\n\
+         hint: the file was changed or replaced; copy it back, or start the run again in a new folder",
+        path.display()
+    )]
+    DamagedMetrics { path: PathBuf, problem: String },
+
+    #[error(
+        "the checkpoint `{}` is damaged: {problem}\n\
+         hint: start from an earlier round; this folder can be removed",
+        path.display()
+    )]
+    DamagedCheckpoint { path: PathBuf, problem: String },
+
+    #[error("there is no checkpoint of round {round} in `{}`, only of {held:?}", path.display())]
+    NoSuchRound { path: PathBuf, round: u64, held: Vec<u64> },
+
+    #[error(
+        "`{}` holds no checkpoint that is whole\n\
+         hint: let the run come to its first save, or continue it with `rondo resume`",
+        path.display()
+    )]
+    NoCheckpoint { path: PathBuf },
+
+    #[error(
+        "the agents' latest checkpoints are of different rounds: {first} has {first_round}, {other} has {other_round}\n\
+         hint: the run has not ended; continue it with `rondo resume`"
+    )]
+    RoundsDiffer { first: String, first_round: u64, other: String, other_round: u64 },
+
+    #[error(
+        "`{}` has no folder of {role}\n\
+         hint: copy the run's folders of all hosts into one place first",
+        path.display()
+    )]
+    MissingRole { path: PathBuf, role: String },
+
+    #[error("`{name}` is not a role: expected `world`, `coordinator` or `agent-<number>`")]
+    RoleName { name: String },
+
+    #[error("the metric row of t_env {t_env} names `{name}` twice")]
+    MetricTwice { t_env: u64, name: String },
+
+    #[error("cannot save round {round}: {problem}")]
+    Tensors { round: u64, problem: String },
+}
+
+impl Error {
+    /// The user asked for something that does not fit what is there: exit code 78.
+    pub fn is_config(&self) -> bool {
+        matches!(self, Self::Exists { .. } | Self::NotARun { .. } | Self::OtherConfig { .. })
+    }
+
+    /// The disk failed, is full, or what it holds is damaged: exit code 74.
+    pub fn is_io(&self) -> bool {
+        matches!(
+            self,
+            Self::Io { .. }
+                | Self::Full { .. }
+                | Self::ShortMetrics { .. }
+                | Self::DamagedMetrics { .. }
+                | Self::DamagedCheckpoint { .. }
+                | Self::NoSuchRound { .. }
+        )
+    }
+
+    /// The run has not come far enough, or is not all here: exit code 75.
+    pub fn is_unfinished(&self) -> bool {
+        matches!(self, Self::NoCheckpoint { .. } | Self::RoundsDiffer { .. } | Self::MissingRole { .. })
+    }
+
+    /// For `map_err`: says what was being done to which path.
+    pub(crate) fn io(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Error {
+        let path = path.to_owned();
+        move |cause| match cause.kind() {
+            io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::Full { doing, path, cause },
+            _ => Self::Io { doing, path, cause },
+        }
+    }
+}
+
+/// Escapes, because the difference may be one that does not show, such as a line ending.
+fn quoted(line: &Option<String>) -> String {
+    line.as_ref().map_or_else(|| "(the file has ended)".to_owned(), |line| format!("{line:?}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_has_its_own_message() {
+        const ENOSPC: i32 = 28;
+        let error = Error::io("write", Path::new("runs/a/result.json"))(io::Error::from_raw_os_error(ENOSPC));
+        assert_eq!(
+            error.to_string(),
+            "no space left: could not write `runs/a/result.json`: No space left on device (os error 28)\n\
+             hint: free some and `rondo resume`; the last checkpoint is intact"
+        );
+        assert!(error.is_io() && !error.is_config());
+    }
+
+    #[test]
+    fn other_failures_say_what_was_done_to_which_path() {
+        const EACCES: i32 = 13;
+        let error = Error::io("list", Path::new("runs/a"))(io::Error::from_raw_os_error(EACCES));
+        assert_eq!(error.to_string(), "could not list `runs/a`: Permission denied (os error 13)");
+        assert!(error.is_io() && !error.is_config() && !error.is_unfinished());
+    }
+}

@@ -1,0 +1,39 @@
+//! The only crate that writes a run to disk: configuration, metric rows, checkpoints.
+//!
+//! ```text
+//! runs/<run>/config.toml                      resolved; every role must bring the same bytes
+//!           /world/ /coordinator/ /agent-0/ … one folder per role, written by that role alone
+//!               metrics.jsonl                 the record: one row a line, without any time
+//!               log.jsonl
+//!               result.json
+//!               checkpoints/round-000000000120/{weights.safetensors, state.bin, manifest.json}
+//!           /tensorboard/<role>/              a view of metrics.jsonl, made again at every start
+//!           /result.json
+//! ```
+//!
+//! What must be whole is written to a temporary name starting with `.writing-`, flushed to the
+//! disk, and renamed; readers ignore such names. Reading never changes a run, so that a monitor
+//! or a digest may look at a folder while its roles write.
+//!
+//! Absent on purpose: the clock (it appears in TensorBoard's files only, which nothing reads
+//! back), the bus, and any knowledge of what a role's state means.
+
+mod run_folder;
+
+mod metrics;
+mod tensorboard;
+
+mod checkpoints;
+mod weights;
+
+mod digest;
+
+mod error;
+mod files;
+
+pub use checkpoints::{Checkpoint, Checkpoints, KEEP};
+pub use digest::{digest, RunDigest};
+pub use error::Error;
+pub use metrics::{MetricsWriter, Position, Row};
+pub use run_folder::{RoleFolder, RunFolder};
+pub use weights::Tensor;

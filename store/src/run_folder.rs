@@ -1,0 +1,385 @@
+//! The folder of a run and, in it, the folders of its roles.
+
+use std::fs::{self, File, OpenOptions, Permissions};
+use std::io;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::checkpoints::Checkpoints;
+use crate::metrics::{MetricsWriter, Position};
+use crate::{files, Error};
+
+const CONFIG: &str = "config.toml";
+const RESULT: &str = "result.json";
+
+/// A folder that holds a run's `config.toml`.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    path: PathBuf,
+    config_toml: String,
+}
+
+impl RunFolder {
+    /// Starts a new run in a folder that is missing or empty; parents are created.
+    ///
+    /// The folder is closed to other users (mode 0700): the local bus has its sockets in it.
+    ///
+    /// # Errors
+    /// [`Error::Exists`] if anything is in the folder, also if another process is quicker.
+    pub fn create(path: impl AsRef<Path>, config_toml: &str) -> Result<Self, Error> {
+        let path = path.as_ref();
+        if is_vacant(path)? && files::place(&path.join(CONFIG), config_toml.as_bytes())? {
+            return Ok(Self { path: path.to_owned(), config_toml: config_toml.to_owned() });
+        }
+        Err(Error::Exists { path: path.to_owned() })
+    }
+
+    /// Opens the folder of a run that was started before.
+    ///
+    /// # Errors
+    /// [`Error::NotARun`] if there is no `config.toml` in it.
+    pub fn open(path: impl AsRef<Path>) -> Result<Self, Error> {
+        let path = path.as_ref();
+        let config = path.join(CONFIG);
+        match fs::read_to_string(&config) {
+            Ok(config_toml) => Ok(Self { path: path.to_owned(), config_toml }),
+            Err(error) if is_absence(&error) => Err(Error::NotARun { path: path.to_owned() }),
+            Err(error) => Err(Error::io("read", &config)(error)),
+        }
+    }
+
+    /// For a role that is started alone: the first to come creates the folder, the others must
+    /// bring the same configuration, byte for byte. Any number of roles may call this at once.
+    ///
+    /// # Errors
+    /// [`Error::OtherConfig`] with the first line that differs; [`Error::NotARun`] if the folder
+    /// holds something, but no run.
+    pub fn create_or_open(path: impl AsRef<Path>, config_toml: &str) -> Result<Self, Error> {
+        let path = path.as_ref();
+        // Roles put nothing in before config.toml is there, so what is found without one is foreign.
+        if is_vacant(path)? {
+            files::place(&path.join(CONFIG), config_toml.as_bytes())?;
+        }
+        let run = Self::open(path)?;
+        run.check_config(config_toml)?;
+        Ok(run)
+    }
+
+    /// The resolved configuration, as it was given when the run was created.
+    pub fn config_toml(&self) -> &str {
+        &self.config_toml
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The folder of one role, created if it is missing.
+    ///
+    /// # Errors
+    /// [`Error::RoleName`] unless `name` is `world`, `coordinator` or `agent-<number>`.
+    pub fn role(&self, name: &str) -> Result<RoleFolder, Error> {
+        if role_order(name).is_none() {
+            return Err(Error::RoleName { name: name.to_owned() });
+        }
+        let role = RoleFolder {
+            name: name.to_owned(),
+            path: self.path.join(name),
+            tensorboard: self.path.join("tensorboard").join(name),
+        };
+        files::ensure_folder(&role.path)?;
+        Ok(role)
+    }
+
+    /// The roles that have a folder: the world, the coordinator, then the agents by number.
+    pub fn roles(&self) -> Result<Vec<String>, Error> {
+        let mut roles: Vec<_> =
+            files::names(&self.path)?.into_iter().filter(|name| role_order(name).is_some()).collect();
+        roles.sort_by_key(|name| role_order(name));
+        Ok(roles)
+    }
+
+    /// Writes the run's `result.json` in one step.
+    pub fn write_result(&self, result: &impl Serialize) -> Result<(), Error> {
+        write_json(&self.path.join(RESULT), result)
+    }
+
+    fn check_config(&self, ours: &str) -> Result<(), Error> {
+        if self.config_toml == ours {
+            return Ok(());
+        }
+        // Split at '\n' alone, and not by `lines`, which hides carriage returns and a last newline.
+        let (mut theirs, mut ours, mut line) = (self.config_toml.split('\n'), ours.split('\n'), 1);
+        loop {
+            let (a, b) = (theirs.next(), ours.next());
+            // Two `None` cannot come first, for the texts differ; should they, this still ends.
+            if a != b || a.is_none() {
+                let path = self.path.clone();
+                return Err(Error::OtherConfig {
+                    path,
+                    line,
+                    theirs: a.map(str::to_owned),
+                    ours: b.map(str::to_owned),
+                });
+            }
+            line += 1;
+        }
+    }
+}
+
+/// The folder of one role. Only that role writes in it.
+#[derive(Debug, Clone)]
+pub struct RoleFolder {
+    name: String,
+    path: PathBuf,
+    tensorboard: PathBuf,
+}
+
+impl RoleFolder {
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Opens `metrics.jsonl` for appending behind `keep`, the position stored in the checkpoint
+    /// that the role starts from; [`Position::START`] for a fresh start. Later rows are cut off,
+    /// and the role's TensorBoard file is written again from the rows that are kept.
+    ///
+    /// # Errors
+    /// [`Error::ShortMetrics`] or [`Error::DamagedMetrics`] if the rows that the checkpoint counts
+    /// on are not there; nothing is cut off then.
+    pub fn metrics(&self, keep: Position) -> Result<MetricsWriter, Error> {
+        MetricsWriter::open(&self.metrics_path(), &self.tensorboard, keep)
+    }
+
+    pub fn checkpoints(&self) -> Checkpoints {
+        Checkpoints::new(self.path.join("checkpoints"))
+    }
+
+    /// Writes the role's `result.json` in one step.
+    pub fn write_result(&self, result: &impl Serialize) -> Result<(), Error> {
+        write_json(&self.path.join(RESULT), result)
+    }
+
+    /// `log.jsonl`, open for appending.
+    pub fn log_file(&self) -> Result<File, Error> {
+        let path = self.path.join("log.jsonl");
+        OpenOptions::new().create(true).append(true).open(&path).map_err(Error::io("open", &path))
+    }
+
+    pub(crate) fn metrics_path(&self) -> PathBuf {
+        self.path.join("metrics.jsonl")
+    }
+}
+
+/// Where a role stands in a list; `None` for a name that is not a role's.
+fn role_order(name: &str) -> Option<(u8, u32)> {
+    match name {
+        "world" => Some((0, 0)),
+        "coordinator" => Some((1, 0)),
+        _ => {
+            let digits = name.strip_prefix("agent-")?;
+            let index: u32 = digits.parse().ok()?;
+            // One agent has one name: not `agent-01`, not `agent-+1`.
+            (index.to_string() == digits).then_some((2, index))
+        }
+    }
+}
+
+/// Creates the folder if it is missing. If nothing but unfinished files of other processes is in
+/// it, closes it to other users and says `true`; what others have put somewhere stays as it is.
+fn is_vacant(path: &Path) -> Result<bool, Error> {
+    files::ensure_folder(path)?;
+    if files::names(path)?.iter().any(|name| !name.starts_with(files::WRITING)) {
+        return Ok(false);
+    }
+    match fs::set_permissions(path, Permissions::from_mode(0o700)) {
+        // A mounted volume belongs to somebody else, and whoever mounted it decides.
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+            tracing::warn!(path = %path.display(), %error, "cannot close the run folder to other users");
+        }
+        other => other.map_err(Error::io("close to other users", path))?,
+    }
+    Ok(true)
+}
+
+fn is_absence(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory)
+}
+
+fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Error> {
+    let mut text = serde_json::to_string_pretty(value)
+        .map_err(|error| Error::io("express as JSON", path)(io::Error::other(error)))?;
+    text.push('\n');
+    files::replace(path, text.as_bytes()).map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use serde_json::json;
+
+    use super::*;
+
+    const CONFIG_TOML: &str = "name = \"a\"\n\n[world]\ntask = \"lbf\"\n";
+
+    #[test]
+    fn a_new_run_is_private_and_holds_its_configuration() {
+        let tmp = tempfile::tempdir().unwrap();
+        let path = tmp.path().join("runs/today/a");
+        let run = RunFolder::create(&path, CONFIG_TOML).unwrap();
+        assert_eq!(run.path(), path);
+        assert_eq!(fs::read_to_string(path.join("config.toml")).unwrap(), CONFIG_TOML);
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o700);
+        assert_eq!(files::names(&path).unwrap(), ["config.toml"]);
+        assert_eq!(RunFolder::open(&path).unwrap().config_toml(), CONFIG_TOML);
+    }
+
+    #[test]
+    fn a_new_run_takes_an_empty_folder_but_not_a_used_one() {
+        let tmp = tempfile::tempdir().unwrap();
+        // What another process leaves that was killed before its config.toml was whole.
+        fs::write(tmp.path().join(".writing-x"), "na").unwrap();
+        RunFolder::create(tmp.path(), CONFIG_TOML).unwrap();
+        let error = RunFolder::create(tmp.path(), CONFIG_TOML).unwrap_err();
+        let path = tmp.path().display();
+        assert_eq!(
+            error.to_string(),
+            format!(
+                "`{path}` exists and is not empty, a new run needs a folder of its own\nhint: go on with the \
+                 run that is there by `rondo resume {path}`, or choose another folder with --out"
+            )
+        );
+        assert!(error.is_config() && !error.is_io());
+    }
+
+    #[test]
+    fn a_folder_without_config_is_not_a_run() {
+        let tmp = tempfile::tempdir().unwrap();
+        fs::write(tmp.path().join("thesis.tex"), "").unwrap();
+        fs::set_permissions(tmp.path(), Permissions::from_mode(0o755)).unwrap();
+        for path in [tmp.path().to_owned(), tmp.path().join("absent"), tmp.path().join("thesis.tex")] {
+            let error = RunFolder::open(&path).unwrap_err();
+            assert!(matches!(error, Error::NotARun { .. }), "{error}");
+            assert!(error.is_config());
+            let start =
+                format!("`{}` is not a run folder: there is no config.toml in it\nhint: ", path.display());
+            assert!(error.to_string().starts_with(&start), "{error}");
+        }
+        let error = RunFolder::create_or_open(tmp.path(), CONFIG_TOML).unwrap_err();
+        assert!(matches!(error, Error::NotARun { .. }), "{error}");
+        assert_eq!(files::names(tmp.path()).unwrap(), ["thesis.tex"]);
+        assert_eq!(fs::metadata(tmp.path()).unwrap().permissions().mode() & 0o777, 0o755);
+    }
+
+    #[test]
+    fn a_role_started_alone_must_bring_the_same_configuration() {
+        let tmp = tempfile::tempdir().unwrap();
+        let path = tmp.path().join("a");
+        RunFolder::create_or_open(&path, CONFIG_TOML).unwrap();
+        RunFolder::create_or_open(&path, CONFIG_TOML).unwrap();
+
+        let difference = |config: &str| match RunFolder::create_or_open(&path, config).unwrap_err() {
+            Error::OtherConfig { line, theirs, ours, .. } => (line, theirs, ours),
+            other => panic!("{other}"),
+        };
+        let text = |text: &str| Some(text.to_owned());
+        assert_eq!(
+            difference(&CONFIG_TOML.replace("lbf", "rware")),
+            (4, text("task = \"lbf\""), text("task = \"rware\""))
+        );
+        assert_eq!(difference(CONFIG_TOML.trim_end()), (5, text(""), None));
+        assert_eq!(difference(&format!("{CONFIG_TOML}seed = 1")), (5, text(""), text("seed = 1")));
+        assert_eq!(difference(&CONFIG_TOML.replace('\n', "\r\n")).0, 1);
+
+        let error = RunFolder::create_or_open(&path, "name = \"a\"\n\n[world]\r\n").unwrap_err();
+        assert!(error.is_config());
+        assert_eq!(
+            error.to_string(),
+            format!(
+                "`{}` belongs to a run with another configuration; line 3 is the first that differs\n  there: \
+                 \"[world]\"\n  here:  \"[world]\\r\"\nhint: start this role with the run's own config.toml, \
+                 or choose another folder with --out",
+                path.display()
+            )
+        );
+    }
+
+    #[test]
+    fn of_many_that_come_at_once_with_different_configurations_one_wins() {
+        let tmp = tempfile::tempdir().unwrap();
+        let path = tmp.path().join("a");
+        let outcomes: Vec<_> = std::thread::scope(|scope| {
+            let path = &path;
+            let threads: Vec<_> = (0..8)
+                .map(|i| {
+                    scope.spawn(move || {
+                        let run = RunFolder::create_or_open(path, &format!("seed = {i}\n"))?;
+                        run.role(&format!("agent-{i}"))?;
+                        Ok(run)
+                    })
+                })
+                .collect();
+            threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+        });
+        let won: Vec<_> =
+            outcomes.iter().filter_map(|outcome: &Result<_, Error>| outcome.as_ref().ok()).collect();
+        assert_eq!(won.len(), 1);
+        assert_eq!(RunFolder::open(&path).unwrap().config_toml(), won[0].config_toml());
+        for error in outcomes.iter().filter_map(|outcome| outcome.as_ref().err()) {
+            assert!(matches!(error, Error::OtherConfig { line: 1, .. }), "{error}");
+        }
+        assert_eq!(files::names(&path).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn roles_are_listed_world_first_and_agents_by_number() {
+        let tmp = tempfile::tempdir().unwrap();
+        let run = RunFolder::create(tmp.path(), CONFIG_TOML).unwrap();
+        for name in ["agent-10", "agent-2", "coordinator", "agent-0", "world", "agent-1"] {
+            assert_eq!(run.role(name).unwrap().name(), name);
+        }
+        fs::create_dir(tmp.path().join("tensorboard")).unwrap();
+        fs::create_dir(tmp.path().join("agent-01")).unwrap();
+        assert_eq!(
+            run.roles().unwrap(),
+            ["world", "coordinator", "agent-0", "agent-1", "agent-2", "agent-10"]
+        );
+    }
+
+    #[test]
+    fn a_role_cannot_be_called_anything_else() {
+        let tmp = tempfile::tempdir().unwrap();
+        let run = RunFolder::create(tmp.path().join("a"), CONFIG_TOML).unwrap();
+        for name in ["", ".", "../b", "tensorboard", "agent-", "agent--1", "agent-01", "agent-+1", "World"] {
+            let error = run.role(name).unwrap_err();
+            assert_eq!(
+                error.to_string(),
+                format!("`{name}` is not a role: expected `world`, `coordinator` or `agent-<number>`")
+            );
+        }
+        assert_eq!(files::names(run.path()).unwrap(), ["config.toml"]);
+    }
+
+    #[test]
+    fn results_are_replaced_whole_and_logs_grow() {
+        let tmp = tempfile::tempdir().unwrap();
+        let run = RunFolder::create(tmp.path(), CONFIG_TOML).unwrap();
+        let role = run.role("agent-0").unwrap();
+        run.write_result(&json!({"score": 1})).unwrap();
+        run.write_result(&json!({"score": 0.5})).unwrap();
+        assert_eq!(fs::read_to_string(tmp.path().join("result.json")).unwrap(), "{\n  \"score\": 0.5\n}\n");
+        role.write_result(&[1, 2]).unwrap();
+        for line in ["one\n", "two\n"] {
+            role.log_file().unwrap().write_all(line.as_bytes()).unwrap();
+        }
+        assert_eq!(fs::read_to_string(role.path().join("log.jsonl")).unwrap(), "one\ntwo\n");
+        assert_eq!(files::names(role.path()).unwrap(), ["log.jsonl", "result.json"]);
+    }
+}
