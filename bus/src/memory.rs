@@ -128,9 +128,15 @@ impl State {
 
     fn end(&mut self, id: u64) {
         self.listeners.remove(&id);
-        if let Some(token) = self.tokens.remove(&id) {
-            self.tell_watchers(&token.key, |key| Event::Gone { key });
+        if let Some(Token { key, .. }) = self.tokens.remove(&id) {
+            if !self.is_alive(&key) {
+                self.tell_watchers(&key, |key| Event::Gone { key });
+            }
         }
+    }
+
+    fn is_alive(&self, key: &keyexpr) -> bool {
+        self.tokens.values().any(|token| &*token.key == key)
     }
 
     fn disconnect(&mut self, side: u64) {
@@ -153,8 +159,10 @@ impl MemoryBus {
         let key_expr = key::expression(key_expr)?;
         let mut state = lock(&self.state);
         if kind == Kind::Watch {
-            for token in state.tokens.values().filter(|token| token.key.intersects(&key_expr)) {
-                push(&inbox, Event::Alive { key: token.key.as_str().into() });
+            let matching = state.tokens.values().filter(|token| token.key.intersects(&key_expr));
+            // A key that several sides announce is told once.
+            for key in matching.map(|token| token.key.as_str()).collect::<BTreeSet<_>>() {
+                push(&inbox, Event::Alive { key: key.into() });
             }
         }
         let id = state.new_id();
@@ -207,7 +215,10 @@ impl Bus for MemoryBus {
         let line = self.ledger.line(key.into());
         let (replies, reply) = mpsc::channel();
         for listener in lock(&self.state).matching(Kind::Queryable, &key_expr) {
-            push(&listener.inbox, Event::Query(query(&line.key, payload, replies.clone(), &listener.ledger)));
+            push(
+                &listener.inbox,
+                Event::Query(query(&line.key, payload, replies.clone(), listener.ledger.clone())),
+            );
         }
         line.sent(Sent::Query, payload);
         // From here on the queries alone can answer: when all are dropped, the wait ends.
@@ -219,7 +230,9 @@ impl Bus for MemoryBus {
         let key_expr = key::exact(key)?;
         let mut state = lock(&self.state);
         let id = state.new_id();
-        state.tell_watchers(&key_expr, |key| Event::Alive { key });
+        if !state.is_alive(&key_expr) {
+            state.tell_watchers(&key_expr, |key| Event::Alive { key });
+        }
         state.tokens.insert(id, Token { side: self.side, key: key_expr });
         drop(state);
         self.ledger.declared(Record::Announced { key: key.into() });
@@ -259,11 +272,11 @@ impl Drop for Declared {
     }
 }
 
-fn query(key: &Arc<str>, payload: &[u8], replies: Sender<Vec<u8>>, answering: &Arc<Ledger>) -> Query {
-    let line = answering.line(key.clone());
+fn query(key: &Arc<str>, payload: &[u8], replies: Sender<Vec<u8>>, answering: Arc<Ledger>) -> Query {
+    let of_reply = key.clone();
     Query::new(key.clone(), payload.to_vec(), move |payload| {
         if replies.send(payload.to_vec()).is_ok() {
-            line.sent(Sent::Reply, payload);
+            answering.line(of_reply).sent(Sent::Reply, payload);
         }
     })
 }

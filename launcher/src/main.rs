@@ -1,1 +1,88 @@
-fn main() {}
+//! `rondo`: starts the roles of a run, resumes it, and looks at what came of it.
+
+mod bench;
+mod child_processes;
+mod display;
+mod drive;
+mod experiment;
+mod in_process;
+mod look;
+mod replay;
+mod summary;
+mod sweep;
+mod train;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use process::Failure;
+use proto::exit;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// Cooperative multi-agent reinforcement learning where every agent is a process of its own
+#[derive(Parser)]
+#[command(name = "rondo", version, after_help = EXIT_CODES)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 done, 64 usage, 70 a bug in rondo, 74 input/output, \
+                          75 stopped or interrupted (resume or try again), 78 configuration";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Train a team: env-server, coordinator and one process per agent, on a bus of their own
+    Train(train::Train),
+    /// Go on with a run that was stopped or killed
+    Resume(train::Resume),
+    /// Print digests of the final weights and the metric rows of a run
+    Digest(look::Digest),
+    /// Replay recorded traces of the reference environments and compare every number
+    Replay(replay::Replay),
+    /// Draw learning curves: mean and standard error over seeds
+    Plot(look::Plot),
+    /// Compare learning curves with reference curves, as a table
+    Compare(look::Compare),
+    /// Measure training speed, in processes and in one process
+    Bench(bench::Bench),
+    /// Work out an example from the paper
+    Example(look::Example),
+    /// List the tasks
+    Tasks(look::Tasks),
+    /// Write the configuration that `train` would run with: the file for roles started one by one
+    Config(train::WriteConfig),
+    /// Run one agent (the same as `rondo-agent`)
+    Agent(agent::Arguments),
+    /// Run the env-server (the same as `rondo-env-server`)
+    EnvServer(env_server::Arguments),
+    /// Run the coordinator (the same as `rondo-coordinator`)
+    Coordinator(coordinator::Arguments),
+}
+
+fn main() -> ExitCode {
+    bus::use_one_runtime();
+    let cli = match process::parse_arguments::<Cli>() {
+        Ok(cli) => cli,
+        Err(code) => return code,
+    };
+    let done = |()| ExitCode::from(exit::DONE);
+    let result: Result<ExitCode, Failure> = match cli.command {
+        Command::Train(command) => command.run(),
+        Command::Resume(command) => command.run(),
+        Command::Digest(command) => command.run().map(done),
+        Command::Replay(command) => command.run(),
+        Command::Plot(command) => command.run().map(done),
+        Command::Compare(command) => command.run().map(done),
+        Command::Bench(command) => command.run().map(done),
+        Command::Example(command) => command.run().map(done),
+        Command::Tasks(command) => command.run().map(done),
+        Command::Config(command) => command.run().map(done),
+        Command::Agent(arguments) => Ok(agent::main(&arguments)),
+        Command::EnvServer(arguments) => Ok(env_server::main(&arguments)),
+        Command::Coordinator(arguments) => Ok(coordinator::main(&arguments)),
+    };
+    result.unwrap_or_else(|failure| process::report(&failure))
+}

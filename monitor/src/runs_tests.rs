@@ -91,15 +91,17 @@ fn damaged_rows_are_named_with_file_and_line() {
         text.replace(&*folder.path().to_string_lossy(), "RUN")
     };
     let start = "{\"t_env\":1,\"x\":1}\n";
-    assert!(message(&format!("{start}\u{0}\u{0}\n"))
-        .starts_with("RUN/world/metrics.jsonl:2: not a flat JSON"));
+    assert!(
+        message(&format!("{start}\u{0}\u{0}\n")).starts_with("RUN/world/metrics.jsonl:2: not a flat JSON")
+    );
     assert_eq!(
         message(&format!("{start}{{\"t_env\":2,\"x\":\"1\"}}\n")),
         "RUN/world/metrics.jsonl:2: expected a number for `x`, got \"1\"; \
          the file is damaged, leave this run out or repeat it"
     );
-    assert!(message("\n{\"x\":1}\n")
-        .starts_with("RUN/world/metrics.jsonl:2: expected a whole number `t_env`"));
+    assert!(
+        message("\n{\"x\":1}\n").starts_with("RUN/world/metrics.jsonl:2: expected a whole number `t_env`")
+    );
     assert!(message(&format!("{start}{start}")).contains(":2: t_env 1 comes after 1, expected rising;"));
     assert_eq!(
         message("{\"t_env\":1,\"y\":1}\n"),
@@ -123,9 +125,7 @@ fn a_config_without_what_the_label_needs_is_an_error_that_says_what() {
         load(folder.path(), "test_return_mean").unwrap_err().to_string()
     };
     assert!(message("seed = 1\n").ends_with("config.toml: expected a text `name` in section `algo`"));
-    assert!(
-        message(&config(1, "[]", "").replace("seed = 1\n", "seed = -1\n")).ends_with("`seed` from 0 up")
-    );
+    assert!(message(&config(1, "[]", "").replace("seed = 1\n", "seed = -1\n")).ends_with("`seed` from 0 up"));
     assert!(message("seed = \n").contains("config.toml: TOML parse error at line 1"));
 }
 

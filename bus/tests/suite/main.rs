@@ -155,6 +155,7 @@ fn a_query_without_an_answer_ends(pair: &Pair) {
     assert_eq!(pair.client.ask("t/silent", b"?", timeout).unwrap(), None);
     assert!(start.elapsed() >= timeout);
     next_query(&events).reply(b"too late, and no harm done");
+    assert_eq!(pair.client.ask("t/nobody", b"?", Duration::MAX).unwrap(), None);
 }
 
 fn tokens_come_and_go(pair: &Pair) {

@@ -4,7 +4,7 @@ use std::sync::mpsc;
 
 use bus::{Event, MemoryHub};
 
-use crate::support::{alive, message, next};
+use crate::support::{a_token_of_two_sides_lives_as_long_as_either, alive, message, next};
 
 /// Publishes 0 to `n` and says what arrives.
 fn received(hub: &MemoryHub, n: u8) -> Vec<u8> {
@@ -17,6 +17,12 @@ fn received(hub: &MemoryHub, n: u8) -> Vec<u8> {
     }
     drop((guard, server));
     events.into_iter().map(|event| message(event).1[0]).collect()
+}
+
+#[test]
+fn a_token_of_two_sides_lives_as_long_as_either_in_memory() {
+    let hub = bus::memory();
+    a_token_of_two_sides_lives_as_long_as_either(&hub.connect(), &hub.connect(), &hub.connect());
 }
 
 #[test]

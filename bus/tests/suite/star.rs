@@ -1,13 +1,13 @@
 //! What only the zenoh bus promises: the star of peers, its endpoints and its errors.
 
-use std::sync::mpsc;
+use std::sync::{mpsc, Arc};
 use std::time::{Duration, Instant};
 
-use bus::{Error, Options};
+use bus::{Bus, Error, Options};
 
 use crate::support::{
-    alive, assert_silent, eventually, gone, message, next, open, over_unix_socket, settle, socket_in,
-    try_open, DEADLINE,
+    a_token_of_two_sides_lives_as_long_as_either, alive, assert_silent, eventually, gone, message, next,
+    open, over_unix_socket, settle, socket_in, try_open, DEADLINE,
 };
 
 #[test]
@@ -35,11 +35,24 @@ fn a_dialling_side_hears_the_listening_side_and_no_other_dialling_side() {
 }
 
 #[test]
-fn a_side_that_dials_knows_the_subscriptions_of_all_listening_sides_when_open_returns() {
+fn a_token_of_two_dialling_sides_lives_as_long_as_either() {
+    let hub = open(&Options { listen: vec!["tcp/127.0.0.1:0".into()], ..Options::default() });
+    let dial = || open(&Options { connect: hub.endpoints(), ..Options::default() });
+    a_token_of_two_sides_lives_as_long_as_either(&hub, &dial(), &dial());
+}
+
+#[test]
+fn what_is_sent_right_after_open_reaches_all_who_were_dialled() {
     let listen = || open(&Options { listen: vec!["tcp/127.0.0.1:0".into()], ..Options::default() });
     let hubs = [listen(), listen()];
     let (inbox, events) = mpsc::channel();
-    let _guards = hubs.each_ref().map(|hub| hub.subscribe("t/data", inbox.clone()).unwrap());
+    // Many, so that telling them takes longer than opening.
+    let subscribe = |hub: &Arc<dyn Bus>| -> Vec<_> {
+        let others = (0..300).map(|i| format!("t/other/{i}"));
+        let keys = others.chain(["t/data".into()]);
+        keys.map(|key| hub.subscribe(&key, inbox.clone()).unwrap()).collect()
+    };
+    let _guards = hubs.each_ref().map(subscribe);
     let connect: Vec<_> = hubs.iter().flat_map(|hub| hub.endpoints()).collect();
     for i in 0..20 {
         let client = open(&Options { connect: connect.clone(), ..Options::default() });

@@ -41,6 +41,30 @@ pub fn settle(from: &Arc<dyn Bus>, to: &Arc<dyn Bus>) {
     assert_eq!(gone(next(&events)), SETTLING);
 }
 
+/// A restarted process may announce its token before that of its predecessor is gone.
+pub fn a_token_of_two_sides_lives_as_long_as_either(
+    hub: &Arc<dyn Bus>,
+    left: &Arc<dyn Bus>,
+    right: &Arc<dyn Bus>,
+) {
+    let (inbox, events) = mpsc::channel();
+    let _watch = hub.watch("t/alive/*", inbox).unwrap();
+    let first = left.announce("t/alive/both").unwrap();
+    assert_eq!(alive(next(&events)), "t/alive/both");
+    let second = right.announce("t/alive/both").unwrap();
+    settle(right, hub);
+    let (inbox, late) = mpsc::channel();
+    let _late_watch = hub.watch("t/alive/*", inbox).unwrap();
+    assert_eq!(alive(next(&late)), "t/alive/both");
+    drop(first);
+    settle(left, hub);
+    drop(second);
+    for events in [events, late] {
+        assert_eq!(gone(next(&events)), "t/alive/both");
+        assert_silent(&events);
+    }
+}
+
 /// Whether a record comes from [`settle`].
 pub fn is_of_settling(record: &Record) -> bool {
     matches!(record, Record::Announced { key } | Record::Watched { key } if &**key == SETTLING)
@@ -55,7 +79,7 @@ pub fn over_unix_socket(low_latency: bool) -> Pair {
     let folder = tempfile::tempdir().unwrap();
     let endpoint = socket_in(&folder);
     let server = open(&Options { listen: vec![endpoint.clone()], low_latency, ..Options::default() });
-    assert_eq!(server.endpoints(), [endpoint.clone()]);
+    assert_eq!(server.endpoints(), std::slice::from_ref(&endpoint));
     let client = open(&Options { connect: vec![endpoint], low_latency, ..Options::default() });
     Pair { server, client, _folder: Some(folder) }
 }

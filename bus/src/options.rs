@@ -1,0 +1,167 @@
+//! How a process takes part in the bus, and what that means in the words of zenoh: a star on explicit
+//! endpoints.
+
+use std::time::Duration;
+
+use ::zenoh::Config;
+use serde_json::json;
+
+use crate::endpoint::Endpoint;
+use crate::Error;
+
+/// The largest payload that the low-latency transport is trusted with. It does not cut messages up: one
+/// beyond the batch size of the link (65,535 bytes on a Unix socket, less on TCP, headers included) kills
+/// the session without a word, so that half of it is refused here, where somebody hears of it.
+pub const LOW_LATENCY_MAX_BYTES: usize = 32 * 1024;
+
+/// A peer that says nothing for this long is taken for dead. Long enough for a process that is stopped,
+/// swapped out or starved for some seconds; a process that dies closes its sockets and is seen at once.
+const LEASE: Duration = Duration::from_secs(10);
+
+/// How long a blocking publication may wait for room. When it passes, zenoh closes the session, loses
+/// what was queued and reports success, so it is far longer than any pause that a run survives.
+const WAIT_BEFORE_CLOSE: Duration = Duration::from_secs(600);
+
+/// Retry periods, first and longest. Endpoints that a role needs are about to appear; an optional one,
+/// such as a monitor, may be absent for the whole run and should cost nothing.
+const RETRY_NEEDED: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(100)];
+const RETRY_OPTIONAL: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(2)];
+
+/// One runtime with two threads for everything that zenoh does. One would do; the second keeps the session
+/// alive when the first is held up.
+const ONE_RUNTIME: &str =
+    "(acc:(handover:rx),app:(handover:rx),net:(handover:rx),tx:(handover:rx),rx:(worker_threads:2))";
+
+/// How to take part in the bus.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Endpoints to listen on: `unixsock-stream/PATH` or `tcp/HOST:PORT`, where port 0 means any.
+    pub listen: Vec<String>,
+    /// Endpoints to dial, one for each other side (zenoh refuses a second link to the same one). All must
+    /// answer within `connect_timeout`; a link that is lost later is dialled again for as long as this
+    /// side lives.
+    pub connect: Vec<String>,
+    /// Endpoints to dial in the background, for example a monitor: not reaching one is no error.
+    pub optional_connect: Vec<String>,
+    /// How long [`open`](crate::open) waits for all of `connect`.
+    pub connect_timeout: Duration,
+    /// The transport that is faster and carries at most [`LOW_LATENCY_MAX_BYTES`] a message. Used on a link
+    /// when both sides ask for it.
+    pub low_latency: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            listen: vec![],
+            connect: vec![],
+            optional_connect: vec![],
+            connect_timeout: Duration::from_secs(30),
+            low_latency: false,
+        }
+    }
+}
+
+/// Makes zenoh use one runtime in this process, unless `ZENOH_RUNTIME` says otherwise already.
+///
+/// Call it at the top of `main`, before any thread is started: it sets an environment variable, and zenoh
+/// reads it once, at its first use. [`open`](crate::open) warns when nobody did.
+pub fn use_one_runtime() {
+    if std::env::var_os("ZENOH_RUNTIME").is_none() {
+        std::env::set_var("ZENOH_RUNTIME", ONE_RUNTIME);
+    }
+}
+
+/// The configuration of a session that listens on `listen`, where no port is 0, and dials what the options
+/// say.
+pub(crate) fn config(
+    options: &Options,
+    listen: &[Endpoint],
+    connect_timeout: Duration,
+) -> Result<Config, Error> {
+    let listen: Vec<_> = listen.iter().map(Endpoint::to_string).collect();
+    let optional = options.optional_connect.iter().map(|endpoint| {
+        let [first, longest] = RETRY_OPTIONAL.map(|period| period.as_millis());
+        format!("{endpoint}#exit_on_failure=false;retry_period_init_ms={first};retry_period_max_ms={longest}")
+    });
+    let connect: Vec<_> = options.connect.iter().cloned().chain(optional).collect();
+    let [first, longest] = RETRY_NEEDED.map(|period| period.as_millis() as u64);
+    let json = json!({
+        "mode": "peer",
+        "listen": { "endpoints": listen, "exit_on_failure": true },
+        "connect": {
+            "endpoints": connect,
+            // Rounded up, so that a failure after it is a timeout; 0 would mean one attempt without waiting.
+            "timeout_ms": i64::try_from(connect_timeout.as_millis() + 1).unwrap_or(i64::MAX),
+            "exit_on_failure": true,
+            "retry": { "period_init_ms": first, "period_max_ms": longest, "period_increase_factor": 2.0 },
+        },
+        // The wait for scouted peers can miss its signal and then lasts the whole scouting delay of 500 ms.
+        // It is not needed: to a peer that has not yet told what it wants, zenoh sends everything.
+        "open": { "return_conditions": { "connect_scouted": false } },
+        "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
+        "transport": {
+            // zenoh allows only one of the two.
+            "unicast": { "lowlatency": options.low_latency, "qos": { "enabled": !options.low_latency } },
+            "link": { "tx": {
+                "lease": LEASE.as_millis() as u64,
+                "queue": { "congestion_control": { "block": {
+                    "wait_before_close": WAIT_BEFORE_CLOSE.as_micros() as u64,
+                } } },
+            } },
+        },
+    });
+    Config::from_json5(&json.to_string()).map_err(|error| failed("read its configuration", &*error))
+}
+
+/// An error of zenoh's, whose messages are all that tells one from another.
+pub(crate) fn failed(action: &str, error: &(dyn std::error::Error + Send + Sync)) -> Error {
+    let text = error.to_string();
+    // zenoh ends its messages with the place in its sources, which helps nobody here.
+    let reason = match text.rsplit_once(" at ") {
+        Some((reason, place)) if place.contains(".rs:") => reason,
+        _ => &text,
+    };
+    Error::Zenoh { action: action.into(), reason: reason.into() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_place_in_the_sources_of_zenoh_is_left_out() {
+        let cut = failed("open", &*Box::from("Unable to open: gone at /src/net/runtime.rs:388."));
+        let kept = failed("open", &*Box::from("nobody is at home"));
+        assert_eq!(cut.to_string(), "zenoh cannot open: Unable to open: gone");
+        assert_eq!(kept.to_string(), "zenoh cannot open: nobody is at home");
+    }
+
+    #[test]
+    fn every_setting_is_one_that_zenoh_knows() {
+        let options = Options {
+            connect: vec!["tcp/10.0.0.5:7447".into()],
+            optional_connect: vec!["unixsock-stream/m.sock".into()],
+            connect_timeout: Duration::MAX,
+            low_latency: true,
+            ..Options::default()
+        };
+        let config = config(&options, &[Endpoint::parse("tcp/0.0.0.0:1").unwrap()], Duration::MAX).unwrap();
+        let value = |key: &str| config.get_json(key).unwrap();
+        assert_eq!(value("listen/endpoints"), r#"["tcp/0.0.0.0:1"]"#);
+        assert_eq!(
+            value("connect/endpoints"),
+            "[\"tcp/10.0.0.5:7447\",\"unixsock-stream/m.sock\
+             #exit_on_failure=false;retry_period_init_ms=200;retry_period_max_ms=2000\"]"
+        );
+        assert_eq!(value("connect/timeout_ms"), i64::MAX.to_string());
+        assert_eq!(value("transport/unicast/lowlatency"), "true");
+        assert_eq!(value("transport/unicast/qos/enabled"), "false");
+        assert_eq!(value("transport/link/tx/lease"), "10000");
+        let block = "transport/link/tx/queue/congestion_control/block/wait_before_close";
+        assert_eq!(value(block), "600000000");
+        assert_eq!(value("scouting/multicast/enabled"), "false");
+        assert_eq!(value("scouting/gossip/enabled"), "false");
+        assert_eq!(value("open/return_conditions/connect_scouted"), "false");
+    }
+}

@@ -1,0 +1,185 @@
+//! Where worlds meet messages: environment copies on one side, one [`Observe`] for each agent on the other.
+
+use envs::{Sizes, Task, World};
+use proto::stream::stream;
+use proto::{End, Mode, Observe};
+use rand_chacha::ChaCha8Rng;
+
+/// One environment copy and the episode it is in.
+struct Copy {
+    world: Box<dyn World>,
+    rng: ChaCha8Rng,
+    end: End,
+    /// The team's reward for the last step.
+    reward: f64,
+    episode_return: f64,
+    length: u64,
+}
+
+/// A finished episode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Played {
+    /// Undiscounted sum of the team's rewards.
+    pub episode_return: f64,
+    /// Steps taken.
+    pub length: u64,
+}
+
+/// The environment copies of one mode, training or test.
+pub struct Copies {
+    copies: Vec<Copy>,
+    /// Copies that were running before the last step: the rows of the next message.
+    rows: Vec<u16>,
+    sizes: Sizes,
+    rewards: Vec<f64>,
+    actions: Vec<u16>,
+}
+
+impl Copies {
+    /// `count` copies of a task.
+    pub fn of(task: &Task, count: u32) -> Self {
+        let sizes = task.sizes().clone();
+        let copy = || Copy {
+            world: task.make(),
+            rng: stream(0, "world", "unused", &[]),
+            end: End::Running,
+            reward: 0.0,
+            episode_return: 0.0,
+            length: 0,
+        };
+        Self {
+            copies: (0..count).map(|_| copy()).collect(),
+            rows: Vec::new(),
+            rewards: vec![0.0; sizes.agents],
+            actions: vec![0; sizes.agents],
+            sizes,
+        }
+    }
+
+    /// Starts an episode in every copy. All chance in copy `k` follows from seed, mode, round and `k`.
+    pub fn reset(&mut self, seed: u64, mode: Mode, round: u64) {
+        let purpose = if mode == Mode::Test { "test-episode" } else { "episode" };
+        for (k, copy) in self.copies.iter_mut().enumerate() {
+            copy.rng = stream(seed, "world", purpose, &[round, k as u64]);
+            copy.world.reset(&mut copy.rng);
+            (copy.end, copy.reward, copy.episode_return, copy.length) = (End::Running, 0.0, 0.0, 0);
+        }
+        self.rows.clear();
+        self.rows.extend(0..self.copies.len() as u16);
+    }
+
+    /// Fills in the rows of a tick for one agent.
+    pub fn show(&self, agent: usize, to: &mut Observe) {
+        let (obs_size, n_actions) = (self.sizes.obs_size[agent], self.sizes.n_actions[agent]);
+        (to.obs_size, to.n_actions) = (obs_size, n_actions);
+        to.copies.clone_from(&self.rows);
+        to.ends.clear();
+        to.rewards.clear();
+        to.obs.resize(self.rows.len() * obs_size, 0.0);
+        to.avail.resize(self.rows.len() * n_actions, 0);
+        let places = to.obs.chunks_exact_mut(obs_size).zip(to.avail.chunks_exact_mut(n_actions));
+        for (&row, (obs, avail)) in self.rows.iter().zip(places) {
+            let copy = &self.copies[usize::from(row)];
+            to.ends.push(copy.end);
+            to.rewards.push(copy.reward as f32);
+            copy.world.observe(agent, obs);
+            copy.world.available(agent, avail);
+        }
+    }
+
+    /// Rows of the present tick that want an action.
+    pub fn running(&self) -> usize {
+        self.rows.iter().filter(|&&row| self.copies[usize::from(row)].end == End::Running).count()
+    }
+
+    /// Whether each action is available in its row; the first that is not, as (row, action).
+    pub fn check(&self, agent: usize, actions: &[u16]) -> Result<(), (u16, u16)> {
+        let mut avail = vec![0; self.sizes.n_actions[agent]];
+        let running = self.rows.iter().filter(|&&row| self.copies[usize::from(row)].end == End::Running);
+        for (&row, &action) in running.zip(actions) {
+            self.copies[usize::from(row)].world.available(agent, &mut avail);
+            if avail.get(usize::from(action)) != Some(&1) {
+                return Err((row, action));
+            }
+        }
+        Ok(())
+    }
+
+    /// Plays one joint action in every running copy; `actions[agent]` has one for each, in their order.
+    pub fn step(&mut self, actions: &[Vec<u16>]) {
+        self.rows.retain(|&row| self.copies[usize::from(row)].end == End::Running);
+        for (k, &row) in self.rows.iter().enumerate() {
+            for (joint, of_agent) in self.actions.iter_mut().zip(actions) {
+                *joint = of_agent[k];
+            }
+            let copy = &mut self.copies[usize::from(row)];
+            copy.end = match copy.world.step(&self.actions, &mut copy.rng, &mut self.rewards) {
+                envs::End::Running => End::Running,
+                envs::End::Terminated => End::Terminated,
+                envs::End::TimeLimit => End::TimeLimit,
+            };
+            // Spec §2.5: the common reward is the sum over the team.
+            copy.reward = self.rewards.iter().sum();
+            copy.episode_return += copy.reward;
+            copy.length += 1;
+        }
+    }
+
+    /// The episodes just played, by copy.
+    pub fn played(&self) -> impl Iterator<Item = Played> + '_ {
+        self.copies.iter().map(|copy| Played { episode_return: copy.episode_return, length: copy.length })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_has_the_copies_that_were_running_and_their_reward() {
+        let task = envs::task("lbf-5x5-2p-1f").expect("a task");
+        let mut copies = Copies::of(&task, 3);
+        copies.reset(1, Mode::Train, 0);
+        let mut observe = Observe::default();
+        copies.show(1, &mut observe);
+        assert_eq!((observe.rows(), observe.obs_size, observe.n_actions), (3, 9, 6));
+        assert_eq!((observe.rewards.as_slice(), copies.running()), ([0.0; 3].as_slice(), 3));
+        let mut ticks = 0;
+        while copies.running() > 0 {
+            let actions = vec![vec![(ticks % 6) as u16; copies.running()]; 2];
+            copies.step(&actions);
+            copies.show(0, &mut observe);
+            ticks += 1;
+            assert!(observe.rows() >= copies.running());
+        }
+        let played: Vec<_> = copies.played().collect();
+        assert_eq!(played.iter().map(|p| p.length).max(), Some(ticks));
+        assert!(ticks <= 50);
+    }
+
+    #[test]
+    fn the_same_seed_and_round_give_the_same_episodes_and_tests_are_others() {
+        let task = envs::task("lbf-8x8-2p-2f-coop").expect("a task");
+        let starts = |seed, mode, round| {
+            let mut copies = Copies::of(&task, 4);
+            copies.reset(seed, mode, round);
+            let mut observe = Observe::default();
+            copies.show(0, &mut observe);
+            observe.obs
+        };
+        let first = starts(1, Mode::Train, 0);
+        assert_eq!(first, starts(1, Mode::Train, 0));
+        for other in [starts(2, Mode::Train, 0), starts(1, Mode::Train, 1), starts(1, Mode::Test, 0)] {
+            assert_ne!(first, other);
+        }
+    }
+
+    #[test]
+    fn an_action_that_does_not_exist_is_found() {
+        let task = envs::task("lbf-5x5-2p-1f").expect("a task");
+        let mut copies = Copies::of(&task, 2);
+        copies.reset(1, Mode::Train, 0);
+        assert_eq!(copies.check(0, &[0, 5]), Ok(()));
+        assert_eq!(copies.check(0, &[0, 6]), Err((1, 6)));
+    }
+}

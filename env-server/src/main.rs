@@ -1,0 +1,22 @@
+//! The env-server as a process of its own: steps the shared world until the budget is used.
+
+use std::process::ExitCode;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+/// Steps the shared world and tells each agent what that agent sees
+#[derive(clap::Parser)]
+#[command(name = "rondo-env-server", version)]
+struct Cli {
+    #[command(flatten)]
+    arguments: env_server::Arguments,
+}
+
+fn main() -> ExitCode {
+    bus::use_one_runtime();
+    match process::parse_arguments::<Cli>() {
+        Ok(cli) => env_server::main(&cli.arguments),
+        Err(code) => code,
+    }
+}

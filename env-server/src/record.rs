@@ -1,0 +1,199 @@
+//! What the env-server writes down: metric rows, its own checkpoints, a report, scalars for a display.
+
+use std::time::{Duration, Instant};
+
+use bus::Publisher;
+use proto::codec::encode;
+use proto::control::Metrics;
+use serde::{Deserialize, Serialize};
+use store::Row;
+
+use crate::convert::Played;
+
+/// A display gains nothing from more than this.
+const BETWEEN_SCALARS: Duration = Duration::from_millis(100);
+
+/// The run as it stands at a round edge: everything that decides how it goes on.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Edge {
+    /// Training rounds completed.
+    pub round: u64,
+    /// Environment steps counted.
+    pub t_env: u64,
+    /// Environment steps at the last test; none before the first.
+    pub last_test: Option<u64>,
+    /// Episodes since the last row of training returns.
+    pub unlogged: Unlogged,
+    /// Environment steps at that row.
+    pub last_row: u64,
+    /// Of all tests so far: the last mean return, and the best.
+    pub test_return_mean: Option<f64>,
+    pub best_test_return_mean: Option<f64>,
+}
+
+/// Sums over episodes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Unlogged {
+    episodes: u64,
+    returns: f64,
+    squares: f64,
+    lengths: u64,
+}
+
+impl Unlogged {
+    /// Adds the episodes of a round.
+    pub fn add(&mut self, played: impl Iterator<Item = Played>) {
+        for episode in played {
+            self.episodes += 1;
+            self.returns += episode.episode_return;
+            self.squares += episode.episode_return * episode.episode_return;
+            self.lengths += episode.length;
+        }
+    }
+
+    fn mean(&self) -> f64 {
+        self.returns / self.episodes as f64
+    }
+
+    /// Divisor `k`, as the reference reports it.
+    fn std(&self) -> f64 {
+        (self.squares / self.episodes as f64 - self.mean() * self.mean()).max(0.0).sqrt()
+    }
+
+    fn ep_length_mean(&self) -> f64 {
+        self.lengths as f64 / self.episodes as f64
+    }
+
+    /// Environment steps of these episodes.
+    pub fn steps(&self) -> u64 {
+        self.lengths
+    }
+}
+
+impl Edge {
+    /// A test is due: after the first round, and whenever `interval` steps have passed since the last
+    /// (spec §8.1).
+    pub fn test_is_due(&self, interval: u64) -> bool {
+        self.last_test.is_none_or(|last| self.t_env - last >= interval)
+    }
+
+    /// The row of the training returns since the last one, if `interval` steps have passed.
+    pub fn training_row(&mut self, interval: u64) -> Option<Row> {
+        if self.t_env - self.last_row < interval {
+            return None;
+        }
+        self.last_row = self.t_env;
+        let played = std::mem::take(&mut self.unlogged);
+        Some(
+            Row::new(self.t_env, self.round)
+                .with("return_mean", played.mean())
+                .with("return_std", played.std())
+                .with("ep_length_mean", played.ep_length_mean())
+                .with("episodes", played.episodes as f64),
+        )
+    }
+
+    /// The row of a test at this edge.
+    pub fn test_row(&mut self, test: &Unlogged) -> Row {
+        let mean = test.mean();
+        self.last_test = Some(self.t_env);
+        self.test_return_mean = Some(mean);
+        self.best_test_return_mean = Some(self.best_test_return_mean.map_or(mean, |best| best.max(mean)));
+        Row::new(self.t_env, self.round)
+            .with("test_return_mean", mean)
+            .with("test_return_std", test.std())
+            .with("test_ep_length_mean", test.ep_length_mean())
+            .with("test_episodes", test.episodes as f64)
+    }
+}
+
+/// Publishes scalars for whoever looks, at a rate a person can follow.
+pub struct Display {
+    publisher: Publisher,
+    next: Instant,
+}
+
+impl Display {
+    pub fn new(publisher: Publisher) -> Self {
+        Self { publisher, next: Instant::now() }
+    }
+
+    /// `now`: also when the last scalars are recent.
+    pub fn show(&mut self, edge: &Edge, now: bool) {
+        if !now && Instant::now() < self.next {
+            return;
+        }
+        self.next = Instant::now() + BETWEEN_SCALARS;
+        let mut scalars = Vec::new();
+        if let Some(mean) = edge.test_return_mean {
+            scalars.push(("test_return_mean".to_owned(), mean));
+        }
+        let message = Metrics { t_env: edge.t_env, update_calls: edge.round, scalars };
+        // Best effort: nobody may be looking, and nothing depends on it.
+        let sent = encode(&message).map(|bytes| self.publisher.send(&bytes));
+        tracing::trace!(?sent, "scalars");
+    }
+}
+
+/// Wall time of this process by what it did; reported, never decided upon.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Seconds {
+    /// Resetting and stepping worlds.
+    pub world: f64,
+    /// Observing worlds, writing and reading messages.
+    pub messages: f64,
+    /// Waiting for actions in the middle of a round: the bus and the agents' inference.
+    pub actions: f64,
+    /// Waiting at tick 0 of a training round: the update calls.
+    pub updates: f64,
+    /// Tests, all of it.
+    pub tests: f64,
+    /// Checkpoints and metric rows.
+    pub disk: f64,
+    /// From the first tick to the last.
+    pub total: f64,
+}
+
+/// What goes into the role's result.json.
+#[derive(Serialize)]
+pub struct Report {
+    pub role: &'static str,
+    pub t_env: u64,
+    pub rounds: u64,
+    /// Environment steps that this process played, without those before a resume.
+    pub steps_played: u64,
+    pub ticks: u64,
+    pub test_return_mean: Option<f64>,
+    pub best_test_return_mean: Option<f64>,
+    pub seconds: Seconds,
+    pub ignored_messages: u64,
+    pub traffic: Vec<(String, u64, u64)>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mean_and_deviation_of_returns_are_those_computed_by_hand() {
+        let mut sums = Unlogged::default();
+        let of = |episode_return, length| Played { episode_return, length };
+        sums.add([of(0.0, 50), of(1.0, 10), of(0.5, 30)].into_iter());
+        assert_eq!((sums.mean(), sums.ep_length_mean(), sums.steps()), (0.5, 30.0, 90));
+        assert!((sums.std() - (1.0f64 / 6.0).sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn tests_come_after_the_first_round_and_then_at_every_interval() {
+        let mut edge = Edge { t_env: 300, round: 1, ..Edge::default() };
+        assert!(edge.test_is_due(1000));
+        let mut test = Unlogged::default();
+        test.add(std::iter::once(Played { episode_return: 0.25, length: 4 }));
+        edge.test_row(&test);
+        assert_eq!((edge.last_test, edge.best_test_return_mean), (Some(300), Some(0.25)));
+        edge.t_env = 1299;
+        assert!(!edge.test_is_due(1000));
+        edge.t_env = 1300;
+        assert!(edge.test_is_due(1000));
+    }
+}

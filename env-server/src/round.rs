@@ -1,0 +1,243 @@
+//! One round: episodes in all copies, in lock-step with the agents, tick by tick.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+
+use bus::{Event, Publisher};
+use process::Failure;
+use proto::exit;
+use proto::keys::{Key, Keys};
+use proto::tick::TickId;
+use proto::{Act, Mode, Observe};
+
+use crate::convert::Copies;
+use crate::record::Seconds;
+use crate::seats::Seats;
+
+/// An answer that has not come after this time is asked for again: the tick or the answer may have been
+/// lost with a connection.
+const SEND_AGAIN: Duration = Duration::from_secs(1);
+
+/// An agent whose connection is lost may come back within this time.
+pub const GRACE: Duration = Duration::from_secs(5);
+
+/// Why a round is not played to its end.
+#[derive(Debug)]
+pub enum Interrupted {
+    /// An agent is lost or silent, or the bus fails.
+    Failed(Failure),
+    /// Asked to stop a second time.
+    Aborted,
+}
+
+impl<E: Into<Failure>> From<E> for Interrupted {
+    fn from(error: E) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+/// The lines to the agents, and what has come in on them.
+pub struct Team<'a> {
+    pub keys: Keys,
+    pub seats: Seats,
+    pub observe: Vec<Publisher>,
+    pub events: &'a Receiver<Event>,
+    /// Longest silence of an agent before the run is given up.
+    pub patience: Duration,
+    /// [`Event::Stop`] has come: stop at the next round edge.
+    pub stop: bool,
+    pub seconds: Seconds,
+    pub ticks: u64,
+    pub ignored: u64,
+    messages: Vec<Vec<u8>>,
+    answers: Vec<Vec<u16>>,
+    answered: Vec<bool>,
+    /// The last thing wrong with a message of each agent.
+    complaints: Vec<Option<String>>,
+    observation: Observe,
+    act: Act,
+}
+
+impl<'a> Team<'a> {
+    /// A complete team; `observe[i]` reaches agent `i`.
+    pub fn new(
+        keys: Keys,
+        seats: Seats,
+        observe: Vec<Publisher>,
+        events: &'a Receiver<Event>,
+        patience: Duration,
+    ) -> Self {
+        let agents = observe.len();
+        Self {
+            keys,
+            seats,
+            observe,
+            events,
+            patience,
+            stop: false,
+            seconds: Seconds::default(),
+            ticks: 0,
+            ignored: 0,
+            messages: vec![Vec::new(); agents],
+            answers: vec![Vec::new(); agents],
+            answered: vec![false; agents],
+            complaints: vec![None; agents],
+            observation: Observe::default(),
+            act: Act::default(),
+        }
+    }
+
+    /// Plays `copies` to the end of all their episodes. `first` names tick 0; `t_env` are the environment
+    /// steps counted before.
+    ///
+    /// # Errors
+    /// If an agent is lost or silent for too long.
+    pub fn play(&mut self, copies: &mut Copies, first: TickId, t_env: u64, seed: u64) -> Result<(), Interrupted> {
+        let start = Instant::now();
+        copies.reset(seed, first.mode, first.round);
+        self.seconds.world += start.elapsed().as_secs_f64();
+        let mut id = first;
+        loop {
+            let start = Instant::now();
+            for agent in 0..self.observe.len() {
+                let observation = &mut self.observation;
+                (observation.mode, observation.epoch) = (id.mode, id.epoch);
+                (observation.round, observation.tick, observation.t_env) = (id.round, id.tick, t_env);
+                copies.show(agent, observation);
+                observation.encode(&mut self.messages[agent]);
+                self.observe[agent].send(&self.messages[agent])?;
+            }
+            let sent = Instant::now();
+            self.seconds.messages += (sent - start).as_secs_f64();
+            self.wait_for_answers(id, Some(copies))?;
+            let waited = sent.elapsed().as_secs_f64();
+            // At tick 0 the agents first finish their update call.
+            *(if id.tick == 0 && id.mode == Mode::Train {
+                &mut self.seconds.updates
+            } else {
+                &mut self.seconds.actions
+            }) += waited;
+            self.ticks += 1;
+            if copies.running() == 0 {
+                return Ok(());
+            }
+            let start = Instant::now();
+            copies.step(&self.answers);
+            self.seconds.world += start.elapsed().as_secs_f64();
+            id.tick += 1;
+        }
+    }
+
+    /// Tells everybody that the run is over and waits until all have heard it.
+    ///
+    /// # Errors
+    /// If an agent is lost or silent for too long.
+    pub fn close(&mut self, id: TickId, t_env: u64) -> Result<(), Interrupted> {
+        self.seats.close();
+        let message = Observe { mode: id.mode, epoch: id.epoch, round: id.round, t_env, ..Observe::default() };
+        for (publisher, bytes) in self.observe.iter().zip(&mut self.messages) {
+            message.encode(bytes);
+            publisher.send(bytes)?;
+        }
+        self.wait_for_answers(id, None)
+    }
+
+    /// Waits until every agent has answered tick `id`; with `copies` the answers must be actions for their
+    /// running rows.
+    fn wait_for_answers(&mut self, id: TickId, copies: Option<&Copies>) -> Result<(), Interrupted> {
+        self.answered.fill(false);
+        let start = Instant::now();
+        let mut send_again = start + SEND_AGAIN;
+        while self.answered.contains(&false) {
+            let deadline = start + self.patience;
+            let next = self.seats.next_loss(GRACE).map_or(send_again.min(deadline), |loss| loss.min(send_again));
+            match self.events.recv_timeout(next.saturating_duration_since(Instant::now())) {
+                Ok(Event::Message { key, payload }) => match self.keys.parse(&key) {
+                    Some(Key::Act(agent)) => self.hear(agent, &payload, id, copies),
+                    _ => self.ignored += 1,
+                },
+                Ok(Event::Query(query)) => match self.keys.parse(&query.key) {
+                    Some(Key::Join(agent)) => self.seats.ask(agent, query),
+                    _ => self.ignored += 1,
+                },
+                Ok(Event::Alive { key }) => {
+                    if let Some(Key::AliveAgent(agent)) = self.keys.parse(&key) {
+                        self.seats.came(agent);
+                    }
+                }
+                Ok(Event::Gone { key }) => {
+                    if let Some(Key::AliveAgent(agent)) = self.keys.parse(&key) {
+                        self.seats.went(agent);
+                    }
+                }
+                Ok(Event::Stop) if self.stop => return Err(Interrupted::Aborted),
+                Ok(Event::Stop) => self.stop = true,
+                Err(RecvTimeoutError::Timeout) => {
+                    // Whoever has answered the closing message may leave.
+                    if let Some(agent) = self.seats.lost(GRACE).filter(|&agent| !self.answered[agent]) {
+                        return Err(Interrupted::Failed(self.has_left(agent, id)));
+                    }
+                    if Instant::now() >= deadline {
+                        return Err(Interrupted::Failed(self.is_silent(id)));
+                    }
+                    if Instant::now() >= send_again {
+                        send_again = Instant::now() + SEND_AGAIN;
+                        for agent in (0..self.answered.len()).filter(|&agent| !self.answered[agent]) {
+                            self.observe[agent].send(&self.messages[agent])?;
+                        }
+                    }
+                }
+                Err(RecvTimeoutError::Disconnected) => return Err(Interrupted::Aborted),
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes in one answer. Old ones are repetitions and pass; wrong ones are counted and dropped.
+    fn hear(&mut self, agent: u32, payload: &[u8], id: TickId, copies: Option<&Copies>) {
+        let agent = agent as usize;
+        if agent >= self.answered.len() {
+            self.ignored += 1;
+            return;
+        }
+        let complaint = match self.act.decode(payload) {
+            Err(error) => Some(error.to_string()),
+            Ok(()) if self.act.id() != id || self.answered[agent] => {
+                tracing::debug!(agent, found = %self.act.id(), "ignored an answer to another tick");
+                return;
+            }
+            Ok(()) => {
+                let (found, expected) = (self.act.actions.len(), copies.map_or(0, Copies::running));
+                let unavailable = copies.and_then(|copies| copies.check(agent, &self.act.actions).err());
+                match unavailable {
+                    _ if found != expected => Some(format!("{found} actions for {expected} running copies")),
+                    Some((copy, action)) => Some(format!("action {action} is not available in copy {copy}")),
+                    None => None,
+                }
+            }
+        };
+        if let Some(complaint) = complaint {
+            tracing::warn!(agent, %complaint, "ignored an answer");
+            self.ignored += 1;
+            self.complaints[agent] = Some(complaint);
+            return;
+        }
+        std::mem::swap(&mut self.answers[agent], &mut self.act.actions);
+        self.answered[agent] = true;
+    }
+
+    fn has_left(&self, agent: usize, id: TickId) -> Failure {
+        let run = format!("agent {agent} has left the run and did not come back within {GRACE:?} ({id})");
+        Failure::new(exit::AGAIN, format!("{run}\nhint: everybody else has saved; `rondo resume` goes on"))
+    }
+
+    fn is_silent(&self, id: TickId) -> Failure {
+        let silent = (0..self.answered.len()).filter(|&agent| !self.answered[agent]).map(|agent| {
+            let complaint = self.complaints[agent].as_ref().map(|text| format!(" (last ignored answer: {text})"));
+            format!("agent {agent}{}", complaint.unwrap_or_default())
+        });
+        let silent: Vec<_> = silent.collect();
+        let text = format!("no answer within {:?} to {id} from {}", self.patience, silent.join(", "));
+        Failure::new(exit::AGAIN, format!("{text}\nhint: look at its log; `rondo resume` goes on"))
+    }
+}

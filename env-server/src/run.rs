@@ -1,0 +1,309 @@
+//! The run from the first seat to the last word: rounds, tests, checkpoints, close.
+
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use bus::{Bus, Event, Inbox};
+use process::Failure;
+use proto::config::Config;
+use proto::control::Seat;
+use proto::exit;
+use proto::keys::{Key, Keys};
+use proto::tick::TickId;
+use proto::Mode;
+use serde::{Deserialize, Serialize};
+use store::{Checkpoint, MetricsWriter, Position, RoleFolder, Row};
+
+use crate::convert::Copies;
+use crate::record::{Display, Edge, Report, Unlogged};
+use crate::round::{Interrupted, Team, GRACE};
+use crate::seats::Seats;
+
+/// How a run ended without an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Closed {
+    /// The budget is used.
+    Finished,
+    /// It was asked to stop; it can be resumed.
+    Stopped,
+}
+
+/// What a checkpoint of the env-server holds. Random streams are named by round, so they need no state.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    edge: Edge,
+    epoch: u32,
+    metrics: Position,
+}
+
+/// Runs the world until the budget is used or [`Event::Stop`] comes.
+///
+/// # Errors
+/// If the task is unknown or does not fit the configuration, agents do not come within `wait` (they are
+/// named), leave or fall silent for `wait`, or the disk fails.
+pub fn run(
+    bus: Arc<dyn Bus>,
+    config: &Config,
+    folder: &RoleFolder,
+    inbox: Inbox,
+    events: &Receiver<Event>,
+    wait: Duration,
+) -> Result<Closed, Failure> {
+    let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
+    let task = checked_task(config)?;
+    let agents = config.world.agents;
+
+    let mut guards = Vec::new();
+    for agent in 0..agents {
+        guards.push(bus.subscribe(&keys.act(agent), inbox.clone())?);
+    }
+    guards.push(bus.serve(&keys.any_join(), inbox.clone())?);
+    guards.push(bus.watch(&keys.any_alive(), inbox)?);
+    guards.push(bus.announce(&keys.alive_world())?);
+
+    let checkpoints = folder.checkpoints();
+    let mut seats = Seats::new(config, checkpoints.rounds()?);
+    let deadline = Instant::now() + wait;
+    take_in(&mut seats, &keys, events, deadline, Seats::not_joined, &config.run, wait)?;
+
+    let round = seats.common_round();
+    let (mut edge, mut epoch, mut position) = (Edge::default(), 0, Position::START);
+    if round > 0 {
+        let saved: Saved = serde_json::from_slice(&checkpoints.load(round)?.state)
+            .map_err(|e| Failure::new(exit::CONFIG, format!("the checkpoint of round {round} cannot be used: {e}")))?;
+        (edge, epoch, position) = (saved.edge, saved.epoch + 1, saved.metrics);
+    }
+    checkpoints.discard_after(round)?;
+    let seat = |agent: usize| Seat {
+        epoch,
+        round,
+        t_env: edge.t_env,
+        agents,
+        obs_size: task.sizes().obs_size[agent] as u32,
+        n_actions: task.sizes().n_actions[agent] as u32,
+        copies: config.world.copies,
+        test_episodes: config.test.episodes,
+        episode_limit: task.sizes().episode_limit,
+    };
+    seats.grant((0..agents as usize).map(seat).collect());
+    take_in(&mut seats, &keys, events, deadline, Seats::absent, &config.run, wait)?;
+    tracing::info!(epoch, round, "everybody is here");
+
+    let observe = (0..agents).map(|agent| bus.publisher(&keys.observe(agent))).collect::<Result<_, _>>()?;
+    let mut server = Server {
+        display: Display::new(bus.best_effort_publisher(&keys.world_metrics())?),
+        metrics: folder.metrics(position)?,
+        folder,
+        config,
+        epoch,
+        saved: (round > 0).then_some(round),
+        steps_before: edge.t_env,
+        edge,
+        training: Copies::of(&task, config.world.copies),
+        testing: Copies::of(&task, config.test.episodes),
+        team: Team::new(keys, seats, observe, events, wait),
+    };
+    let closed = server.rounds();
+    server.report(&*bus)?;
+    closed
+}
+
+fn checked_task(config: &Config) -> Result<envs::Task, Failure> {
+    let task = envs::task(&config.world.task).map_err(|error| Failure::new(exit::CONFIG, error))?;
+    let agents = task.sizes().agents;
+    if agents != config.world.agents as usize {
+        let text = format!("`world.agents` is {}, but {} has {agents}", config.world.agents, config.world.task);
+        return Err(Failure::new(exit::CONFIG, text));
+    }
+    Ok(task)
+}
+
+/// Hears who comes until nobody is `missing` any more.
+fn take_in(
+    seats: &mut Seats,
+    keys: &Keys,
+    events: &Receiver<Event>,
+    deadline: Instant,
+    missing: fn(&Seats) -> Vec<usize>,
+    run: &str,
+    wait: Duration,
+) -> Result<(), Failure> {
+    while !missing(seats).is_empty() {
+        match events.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+            Ok(Event::Query(query)) => match keys.parse(&query.key) {
+                Some(Key::Join(id)) => seats.ask(id, query),
+                _ => tracing::warn!(key = %query.key, "ignored a question"),
+            },
+            Ok(Event::Alive { key }) => {
+                if let Some(Key::AliveAgent(id)) = keys.parse(&key) {
+                    seats.came(id);
+                }
+            }
+            Ok(Event::Gone { key }) => {
+                if let Some(Key::AliveAgent(id)) = keys.parse(&key) {
+                    seats.went(id);
+                }
+            }
+            Ok(Event::Message { .. }) => {}
+            Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => {
+                return Err(Failure::new(exit::AGAIN, format!("run `{run}` was stopped before everybody had joined")));
+            }
+            Err(RecvTimeoutError::Timeout) => return Err(did_not_join(seats, missing, keys, run, wait)),
+        }
+        if let Some(id) = seats.lost(GRACE) {
+            let text = format!("agent {id} has left run `{run}` before it began\nhint: look at its log");
+            return Err(Failure::new(exit::AGAIN, text));
+        }
+    }
+    Ok(())
+}
+
+fn did_not_join(seats: &Seats, missing: fn(&Seats) -> Vec<usize>, keys: &Keys, run: &str, wait: Duration) -> Failure {
+    let missing = missing(seats);
+    let list = |ids: &[usize]| ids.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    let here: Vec<usize> = (0..seats.team_size()).filter(|id| !missing.contains(id)).collect();
+    let here = if here.is_empty() { "nobody is here".to_owned() } else { format!("here: {}", list(&here)) };
+    let first = missing.first().copied().unwrap_or_default();
+    Failure::new(
+        exit::AGAIN,
+        format!(
+            "of run `{run}` agents did not join within {wait:?}: {} ({here})\n  waited on `{}`\n\
+             hint: on its host run `rondo-agent --id {first} --config FILE --out DIR --connect ENDPOINT …`, \
+             or give it longer with `--wait`",
+            list(&missing),
+            keys.join(first as u32)
+        ),
+    )
+}
+
+struct Server<'a> {
+    config: &'a Config,
+    folder: &'a RoleFolder,
+    epoch: u32,
+    /// Round of the newest checkpoint.
+    saved: Option<u64>,
+    /// Environment steps that an earlier process counted.
+    steps_before: u64,
+    edge: Edge,
+    training: Copies,
+    testing: Copies,
+    team: Team<'a>,
+    metrics: MetricsWriter,
+    display: Display,
+}
+
+impl Server<'_> {
+    /// Plays rounds until the end of the budget, a request to stop, or a failure; in every case the last
+    /// edge is saved and everybody who can be reached is told.
+    fn rounds(&mut self) -> Result<Closed, Failure> {
+        let start = Instant::now();
+        let played = self.play_on();
+        self.team.seconds.total = start.elapsed().as_secs_f64();
+        self.save()?;
+        let (mode, result) = match played {
+            Ok(Closed::Finished) => (Mode::Finished, Ok(Closed::Finished)),
+            Ok(Closed::Stopped) => (Mode::Stopped, Ok(Closed::Stopped)),
+            Err(Interrupted::Aborted) => return Ok(Closed::Stopped),
+            Err(Interrupted::Failed(failure)) => (Mode::Stopped, Err(failure)),
+        };
+        // With somebody lost already, the others are told but not waited for as long.
+        if result.is_err() {
+            self.team.patience = GRACE;
+        }
+        let id = TickId { epoch: self.epoch, round: self.edge.round, mode, tick: 0 };
+        match self.team.close(id, self.edge.t_env) {
+            Err(Interrupted::Failed(failure)) if result.is_ok() => Err(failure),
+            _ => result,
+        }
+    }
+
+    fn play_on(&mut self) -> Result<Closed, Interrupted> {
+        self.display.show(&self.edge, true);
+        // A run may have been interrupted between a round and its test.
+        while self.edge.t_env < self.config.t_max {
+            if self.team.stop {
+                return Ok(Closed::Stopped);
+            }
+            if self.edge.round > 0 && self.edge.test_is_due(self.config.test.interval) {
+                self.test()?;
+            }
+            self.train()?;
+        }
+        // The end of the budget is always tested.
+        if self.edge.last_test != Some(self.edge.t_env) && !self.team.stop {
+            self.test()?;
+        }
+        Ok(if self.team.stop { Closed::Stopped } else { Closed::Finished })
+    }
+
+    fn train(&mut self) -> Result<(), Interrupted> {
+        let id = TickId { epoch: self.epoch, round: self.edge.round, mode: Mode::Train, tick: 0 };
+        self.team.play(&mut self.training, id, self.edge.t_env, self.config.seed)?;
+        let before = self.edge.unlogged.steps();
+        self.edge.unlogged.add(self.training.played());
+        self.edge.t_env += self.edge.unlogged.steps() - before;
+        self.edge.round += 1;
+        if let Some(row) = self.edge.training_row(self.config.log.interval) {
+            self.write(&row)?;
+        }
+        if self.edge.round % self.config.save.interval == 0 {
+            self.save()?;
+        }
+        self.display.show(&self.edge, false);
+        Ok(())
+    }
+
+    fn test(&mut self) -> Result<(), Interrupted> {
+        let before = self.team.seconds;
+        let start = Instant::now();
+        let id = TickId { epoch: self.epoch, round: self.edge.round, mode: Mode::Test, tick: 0 };
+        self.team.play(&mut self.testing, id, self.edge.t_env, self.config.seed)?;
+        self.team.seconds = before;
+        self.team.seconds.tests += start.elapsed().as_secs_f64();
+        let mut test = Unlogged::default();
+        test.add(self.testing.played());
+        let row = self.edge.test_row(&test);
+        self.write(&row)?;
+        self.display.show(&self.edge, true);
+        Ok(())
+    }
+
+    fn write(&mut self, row: &Row) -> Result<(), Failure> {
+        let start = Instant::now();
+        self.metrics.append(row)?;
+        self.team.seconds.disk += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    /// Saves the present round edge, unless that has been done. An edge between a round and its test is
+    /// the same edge: a run that goes on from it plays the test first.
+    fn save(&mut self) -> Result<(), Failure> {
+        if self.saved == Some(self.edge.round) || self.edge.round == 0 {
+            return Ok(());
+        }
+        let start = Instant::now();
+        let saved = Saved { edge: self.edge.clone(), epoch: self.epoch, metrics: self.metrics.sync()? };
+        let state = serde_json::to_vec(&saved).expect("numbers and strings always serialise");
+        self.folder.checkpoints().save(&Checkpoint { round: self.edge.round, state, tensors: vec![] })?;
+        self.saved = Some(self.edge.round);
+        self.team.seconds.disk += start.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn report(&self, bus: &dyn Bus) -> Result<(), Failure> {
+        self.folder.write_result(&Report {
+            role: "world",
+            t_env: self.edge.t_env,
+            rounds: self.edge.round,
+            steps_played: self.edge.t_env - self.steps_before,
+            ticks: self.team.ticks,
+            test_return_mean: self.edge.test_return_mean,
+            best_test_return_mean: self.edge.best_test_return_mean,
+            seconds: self.team.seconds,
+            ignored_messages: self.team.ignored,
+            traffic: bus.traffic().into_iter().map(|t| (t.key, t.messages, t.bytes)).collect(),
+        })?;
+        Ok(())
+    }
+}

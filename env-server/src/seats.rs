@@ -1,0 +1,198 @@
+//! Taking the team in: who may join, from which round everybody can start, who is still here.
+
+use std::time::{Duration, Instant};
+
+use bus::Query;
+use proto::codec::{decode, encode, WireError};
+use proto::config::Config;
+use proto::control::{Join, Refusal, Seat, Welcome};
+
+/// The seats of the team, before and during the run.
+pub struct Seats {
+    digest: [u8; 32],
+    seats: Vec<SeatState>,
+    /// Rounds that the env-server itself can start from.
+    own_rounds: Vec<u64>,
+    /// Set once all have joined.
+    granted: Option<Vec<Seat>>,
+    closing: bool,
+}
+
+#[derive(Default)]
+struct SeatState {
+    nonce: Option<u64>,
+    checkpoints: Vec<u64>,
+    /// The question of an agent that waits for the others.
+    waiting: Option<Query>,
+    present: bool,
+    gone_since: Option<Instant>,
+}
+
+impl Seats {
+    /// Empty seats for the configured team; `own_rounds` are those the env-server holds checkpoints of.
+    pub fn new(config: &Config, own_rounds: Vec<u64>) -> Self {
+        let seats = (0..config.world.agents).map(|_| SeatState::default()).collect();
+        Self { digest: config.digest(), seats, own_rounds, granted: None, closing: false }
+    }
+
+    /// Takes in a request to join seat `id`: refuses it, holds it until the team is complete, or, when it
+    /// is complete, answers it.
+    pub fn ask(&mut self, id: u32, query: Query) {
+        match self.admit(id, &query.payload) {
+            Err(refusal) => {
+                tracing::warn!(agent = id, %refusal, "refused a seat");
+                answer(query, &Welcome::Refused(refusal));
+            }
+            Ok(()) => match &self.granted {
+                Some(granted) => {
+                    let seat = granted[id as usize];
+                    answer(query, &Welcome::Seat(seat));
+                }
+                None => {
+                    tracing::info!(agent = id, "has joined");
+                    self.seats[id as usize].waiting = Some(query);
+                }
+            },
+        }
+    }
+
+    fn admit(&mut self, id: u32, payload: &[u8]) -> Result<(), Refusal> {
+        let agents = self.seats.len() as u32;
+        let join = decode::<Join>(payload).map_err(|error| match error {
+            WireError::Version { ours, theirs } => Refusal::Version { ours, theirs },
+            other => Refusal::malformed(other),
+        })?;
+        if self.closing {
+            return Err(Refusal::Closing);
+        }
+        let seat = self.seats.get_mut(id as usize).ok_or(Refusal::IdOutOfRange { id, agents })?;
+        if join.config_digest != self.digest {
+            return Err(Refusal::Config { ours: self.digest, theirs: join.config_digest });
+        }
+        match seat.nonce {
+            Some(nonce) if nonce != join.nonce => Err(Refusal::IdTaken { id }),
+            _ => {
+                (seat.nonce, seat.checkpoints) = (Some(join.nonce), join.checkpoints);
+                Ok(())
+            }
+        }
+    }
+
+    /// Agents in the team.
+    pub fn team_size(&self) -> usize {
+        self.seats.len()
+    }
+
+    /// Seats whose agent has not asked to join.
+    pub fn not_joined(&self) -> Vec<usize> {
+        (0..self.seats.len()).filter(|&id| self.seats[id].nonce.is_none()).collect()
+    }
+
+    /// Seats whose agent has not shown its token yet, or not any more.
+    pub fn absent(&self) -> Vec<usize> {
+        (0..self.seats.len()).filter(|&id| !self.seats[id].present).collect()
+    }
+
+    /// The latest round edge that everybody holds; 0, the beginning, is held by all.
+    pub fn common_round(&self) -> u64 {
+        let held = |rounds: &[u64], round: u64| rounds.contains(&round);
+        let common = self.own_rounds.iter().copied();
+        let common = common.filter(|&round| self.seats.iter().all(|seat| held(&seat.checkpoints, round)));
+        let chosen = common.max().unwrap_or(0);
+        let newest = self.seats.iter().flat_map(|seat| &seat.checkpoints).chain(&self.own_rounds).max();
+        if chosen == 0 && newest.is_some_and(|&newest| newest > 0) {
+            tracing::warn!("no checkpoint is held by every process: the run starts from the beginning");
+        }
+        chosen
+    }
+
+    /// Grants all seats; answers everybody who waits.
+    pub fn grant(&mut self, seats: Vec<Seat>) {
+        for (state, seat) in self.seats.iter_mut().zip(&seats) {
+            if let Some(query) = state.waiting.take() {
+                answer(query, &Welcome::Seat(*seat));
+            }
+        }
+        self.granted = Some(seats);
+    }
+
+    /// Takes nobody in any more.
+    pub fn close(&mut self) {
+        self.closing = true;
+    }
+
+    /// The token of an agent has appeared.
+    pub fn came(&mut self, id: u32) {
+        if let Some(seat) = self.seats.get_mut(id as usize) {
+            (seat.present, seat.gone_since) = (true, None);
+        }
+    }
+
+    /// The token of an agent has vanished.
+    pub fn went(&mut self, id: u32) {
+        if let Some(seat) = self.seats.get_mut(id as usize) {
+            (seat.present, seat.gone_since) = (false, Some(Instant::now()));
+        }
+    }
+
+    /// The first agent that has been gone for longer than `grace`.
+    pub fn lost(&self, grace: Duration) -> Option<usize> {
+        self.seats.iter().position(|seat| seat.gone_since.is_some_and(|since| since.elapsed() >= grace))
+    }
+
+    /// When [`Seats::lost`] would next find somebody.
+    pub fn next_loss(&self, grace: Duration) -> Option<Instant> {
+        self.seats.iter().filter_map(|seat| seat.gone_since).map(|since| since + grace).min()
+    }
+}
+
+fn answer(query: Query, welcome: &Welcome) {
+    match encode(welcome) {
+        Ok(bytes) => query.reply(&bytes),
+        Err(error) => tracing::error!(%error, "cannot answer a request to join"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proto::config::AlgoName;
+    use proto::presets::{config, Family};
+
+    fn seats(own: &[u64], theirs: &[&[u64]]) -> Seats {
+        let config = config("test", "any", theirs.len() as u32, AlgoName::Ippo, Family::Lbf);
+        let mut seats = Seats::new(&config, own.to_vec());
+        for (id, rounds) in theirs.iter().enumerate() {
+            let join = Join { config_digest: config.digest(), nonce: id as u64, checkpoints: rounds.to_vec() };
+            seats.admit(id as u32, &encode(&join).expect("fits")).expect("admitted");
+        }
+        seats
+    }
+
+    #[test]
+    fn everybody_starts_from_the_latest_round_that_everybody_holds() {
+        assert_eq!(seats(&[100, 200], &[&[100, 200], &[100, 200]]).common_round(), 200);
+        assert_eq!(seats(&[100, 200], &[&[100, 200], &[50, 100]]).common_round(), 100);
+        assert_eq!(seats(&[100], &[&[100, 200], &[100, 200]]).common_round(), 100);
+        assert_eq!(seats(&[200], &[&[200], &[100]]).common_round(), 0);
+        assert_eq!(seats(&[], &[&[], &[]]).common_round(), 0);
+    }
+
+    #[test]
+    fn a_seat_is_refused_to_another_process_configuration_or_number() {
+        let mut seats = seats(&[], &[&[], &[]]);
+        let digest = seats.digest;
+        let mut ask = |id, nonce, config_digest| {
+            let join = Join { config_digest, nonce, checkpoints: vec![] };
+            seats.admit(id, &encode(&join).expect("fits"))
+        };
+        assert_eq!(ask(1, 1, digest), Ok(()), "the same process may ask again");
+        assert_eq!(ask(1, 7, digest), Err(Refusal::IdTaken { id: 1 }));
+        assert_eq!(ask(2, 7, digest), Err(Refusal::IdOutOfRange { id: 2, agents: 2 }));
+        assert_eq!(ask(1, 1, [9; 32]), Err(Refusal::Config { ours: digest, theirs: [9; 32] }));
+        assert!(matches!(seats.admit(0, &[1, 3, 255]), Err(Refusal::Malformed(_))));
+        assert!(matches!(seats.admit(0, &[9, 3, 255]), Err(Refusal::Version { theirs: 9, .. })));
+        seats.close();
+        assert_eq!(seats.admit(0, &encode(&Join { config_digest: digest, nonce: 0, checkpoints: vec![] }).expect("fits")), Err(Refusal::Closing));
+    }
+}

@@ -1,0 +1,250 @@
+//! Each role as a child process of this one: this same program, called with the role's name.
+
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader, Read};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{channel, Sender};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::{kill, Signal};
+use nix::unistd::Pid;
+use process::{Failure, LISTENING};
+use proto::config::Config;
+use proto::exit;
+use store::RunFolder;
+use tempfile::TempDir;
+
+use crate::display::listen;
+use crate::drive::{Ended, News, Roles, Transport};
+
+/// How many of a child's last lines are worth telling.
+const LAST_WORDS: usize = 8;
+
+/// A child that was asked to leave and does not is killed after this time.
+const PATIENCE: Duration = Duration::from_millis(1500);
+
+/// Longest path of a Unix socket that the system takes, with room for the file's name.
+const LONGEST_SOCKET_FOLDER: usize = 80;
+
+/// The children of this process.
+pub struct ChildProcesses {
+    children: Vec<RunningChild>,
+    /// Dropping it undeclares the monitor's subscriptions.
+    _monitor: Arc<dyn bus::Bus>,
+    _sockets: Option<TempDir>,
+    stops: u32,
+}
+
+struct RunningChild {
+    pid: Pid,
+    /// Closed when this process ends, however it ends: the child then leaves.
+    _stdin: ChildStdin,
+    ended: Arc<Mutex<bool>>,
+}
+
+impl ChildProcesses {
+    /// Starts env-server and coordinator, then, when these can be dialled, the agents.
+    ///
+    /// # Errors
+    /// If a child cannot be started or ends before it can be dialled.
+    pub fn start(
+        folder: &RunFolder,
+        config: &Config,
+        wait: Duration,
+        transport: Transport,
+        news: &Sender<News>,
+    ) -> Result<Self, Failure> {
+        let (place, sockets) = socket_folder(folder)?;
+        let endpoint = |name: &str| match transport {
+            Transport::Unix => format!("unixsock-stream/{}", place.join(format!("{name}.sock")).display()),
+            Transport::Tcp => "tcp/127.0.0.1:0".to_owned(),
+        };
+        let monitor = bus::open(&bus::Options {
+            listen: vec![endpoint("monitor")],
+            low_latency: config.bus.low_latency,
+            ..bus::Options::default()
+        })?;
+        listen(monitor.clone(), config, news.clone())?;
+        let mut common: Vec<String> = vec![
+            format!("--config={}", folder.path().join("config.toml").display()),
+            format!("--out={}", folder.path().display()),
+            format!("--wait={}", wait.as_secs()),
+            "--with-launcher".to_owned(),
+        ];
+        common.extend(monitor.endpoints().iter().map(|endpoint| format!("--monitor={endpoint}")));
+
+        let mut roles = Self { children: vec![], _monitor: monitor, _sockets: sockets, stops: 0 };
+        let (listening, endpoints) = channel();
+        for (role, name) in [("env-server", "world"), ("coordinator", "coordinator")] {
+            let arguments = [format!("--listen={}", endpoint(name))];
+            roles.spawn(role, name, common.iter().chain(&arguments), news, Some(listening.clone()))?;
+        }
+        drop(listening);
+        let mut dial = Vec::new();
+        while dial.len() < 2 {
+            // The channel closes when a child ends; its own message says why.
+            match endpoints.recv() {
+                Ok(endpoint) => dial.push(format!("--connect={endpoint}")),
+                Err(_) => return Ok(roles),
+            }
+        }
+        for id in 0..config.world.agents {
+            let own = [format!("--id={id}")];
+            let arguments = common.iter().chain(&dial).chain(&own);
+            roles.spawn("agent", &format!("agent-{id}"), arguments, news, None)?;
+        }
+        Ok(roles)
+    }
+
+    fn spawn<'a>(
+        &mut self,
+        role: &str,
+        name: &str,
+        arguments: impl Iterator<Item = &'a String>,
+        news: &Sender<News>,
+        listening: Option<Sender<String>>,
+    ) -> Result<(), Failure> {
+        let failed = |error: std::io::Error| Failure::new(exit::IO, format!("cannot start {name}: {error}"));
+        let program = std::env::current_exe().map_err(failed)?;
+        let mut child = Command::new(program)
+            .arg(role)
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            // Ctrl-C in a terminal reaches this process alone, which then tells the env-server.
+            .process_group(0)
+            .spawn()
+            .map_err(failed)?;
+        let pid = Pid::from_raw(child.id() as i32);
+        let stdin = child.stdin.take().expect("it was asked for");
+        let ended = Arc::new(Mutex::new(false));
+        self.children.push(RunningChild { pid, _stdin: stdin, ended: ended.clone() });
+        let (name, news) = (name.to_owned(), news.clone());
+        if let Some(stdout) = child.stdout.take() {
+            thread::spawn(move || tell_endpoints(stdout, listening));
+        }
+        thread::spawn(move || {
+            let result = outlive(&mut child, &name, &ended);
+            let _ = news.send(News::Ended { role: name, result });
+        });
+        Ok(())
+    }
+
+    fn signal(&self, which: impl Iterator<Item = usize>, signal: Signal) {
+        for child in which.filter_map(|index| self.children.get(index)) {
+            // Held while sending: a child that has not been waited for keeps its process id.
+            let ended = child.ended.lock().unwrap_or_else(PoisonError::into_inner);
+            if !*ended {
+                // It may have ended by itself in this moment.
+                let _ = kill(child.pid, signal);
+            }
+        }
+    }
+}
+
+/// Sockets live in the run folder unless its path is too long for one.
+fn socket_folder(folder: &RunFolder) -> Result<(PathBuf, Option<TempDir>), Failure> {
+    let place = std::path::absolute(folder.path().join("bus")).unwrap_or_else(|_| folder.path().join("bus"));
+    let failed = |error| Failure::new(exit::IO, format!("cannot make a folder for sockets: {error}"));
+    if place.as_os_str().len() <= LONGEST_SOCKET_FOLDER {
+        std::fs::create_dir_all(&place).map_err(failed)?;
+        return Ok((place, None));
+    }
+    let short = tempfile::Builder::new().prefix("rondo-").tempdir().map_err(failed)?;
+    Ok((short.path().to_owned(), Some(short)))
+}
+
+/// Reads a child's stdout: the endpoints it listens on.
+fn tell_endpoints(stdout: impl Read, listening: Option<Sender<String>>) {
+    for line in BufReader::new(stdout).lines().map_while(Result::ok) {
+        if let (Some(endpoint), Some(listening)) = (line.strip_prefix(LISTENING), &listening) {
+            // The launcher stops listening when it has what it needs.
+            let _ = listening.send(endpoint.trim().to_owned());
+        }
+    }
+}
+
+/// Waits for a child to end; keeps its last words.
+fn outlive(child: &mut Child, name: &str, ended: &Mutex<bool>) -> Result<Ended, Failure> {
+    let mut last_words = VecDeque::new();
+    if let Some(stderr) = child.stderr.take() {
+        for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+            last_words.push_back(line);
+            if last_words.len() > LAST_WORDS {
+                last_words.pop_front();
+            }
+        }
+    }
+    let status = {
+        // stderr is closed, so it has ended or is about to.
+        let mut status = child.try_wait();
+        while matches!(status, Ok(None)) {
+            thread::sleep(Duration::from_millis(2));
+            let mut ended = ended.lock().unwrap_or_else(PoisonError::into_inner);
+            status = child.try_wait();
+            *ended = !matches!(status, Ok(None));
+        }
+        *ended.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        status
+    };
+    match status {
+        Ok(Some(status)) => verdict(status, name, &last_words),
+        Ok(None) => unreachable!("the loop ends when there is a status"),
+        Err(error) => Err(Failure::new(exit::BUG, format!("cannot wait for {name}: {error}"))),
+    }
+}
+
+fn verdict(status: ExitStatus, name: &str, last_words: &VecDeque<String>) -> Result<Ended, Failure> {
+    let words: Vec<&str> = last_words.iter().map(String::as_str).collect();
+    let words = words.join("\n");
+    match (status.code(), status.signal()) {
+        (Some(0), _) => Ok(Ended::Finished),
+        // Asked to stop, and did.
+        (Some(code), _) if code == i32::from(exit::AGAIN) && words.is_empty() => Ok(Ended::Stopped),
+        (Some(code), _) => {
+            let words = words.strip_prefix("error: ").unwrap_or(&words);
+            let code = u8::try_from(code).unwrap_or(exit::BUG);
+            Err(Failure::new(code, if words.is_empty() { format!("ended with exit code {code}") } else { words.to_owned() }))
+        }
+        (None, signal) => {
+            let signal = signal.and_then(|s| Signal::try_from(s).ok()).map_or("a signal", Signal::as_str);
+            let words = if words.is_empty() { String::new() } else { format!("; its last words:\n{words}") };
+            let _ = name;
+            Err(Failure::new(exit::AGAIN, format!("was ended by {signal}{words}")))
+        }
+    }
+}
+
+impl Roles for ChildProcesses {
+    fn stop(&mut self) {
+        self.stops += 1;
+        let which = if self.stops == 1 { 0..1 } else { 0..self.children.len() };
+        self.signal(which, Signal::SIGTERM);
+    }
+
+    fn abandon(&mut self) {
+        let all = 0..self.children.len();
+        self.signal(all.clone(), Signal::SIGTERM);
+        let deadline = Instant::now() + PATIENCE;
+        let all_ended =
+            || self.children.iter().all(|child| *child.ended.lock().unwrap_or_else(PoisonError::into_inner));
+        while !all_ended() {
+            if Instant::now() >= deadline {
+                self.signal(all, Signal::SIGKILL);
+                break;
+            }
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+}
+
+impl Drop for ChildProcesses {
+    fn drop(&mut self) {
+        self.abandon();
+    }
+}

@@ -1,0 +1,172 @@
+//! One run from its start to its summary, in processes or in one.
+
+use std::path::Path;
+use std::sync::mpsc::{channel, Receiver, RecvTimeoutError, Sender};
+use std::time::{Duration, Instant};
+
+use process::Failure;
+use proto::config::Config;
+use proto::control::Metrics;
+use proto::exit;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use store::RunFolder;
+
+use crate::child_processes::ChildProcesses;
+use crate::display::Display;
+use crate::in_process::InProcess;
+use crate::summary::{self, Summary};
+
+/// Where the roles run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// Each in a process of its own, on this kind of link.
+    Processes(Transport),
+    /// All as threads of this process, on a bus in memory.
+    InProcess,
+}
+
+/// How processes on one machine reach each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Transport {
+    /// Unix sockets in the run folder
+    Unix,
+    /// TCP on 127.0.0.1
+    Tcp,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// The budget is used.
+    Finished,
+    /// Stopped by a signal; it can be resumed.
+    Stopped,
+}
+
+/// What the driver hears while roles run.
+pub enum News {
+    /// Scalars for the display; `agent` is none for the env-server.
+    Scalars { agent: Option<u32>, metrics: Metrics },
+    /// A role has ended, well or with its exit code and last words.
+    Ended { role: String, result: Result<Ended, Failure> },
+    /// A signal for this process.
+    Signal,
+}
+
+/// The roles of a run, wherever they are.
+pub trait Roles {
+    /// Asks the run to stop at the next round edge.
+    fn stop(&mut self);
+    /// Ends whatever is left, now.
+    fn abandon(&mut self);
+}
+
+/// How to show and run it.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    pub place: Place,
+    /// How long roles wait for each other.
+    pub wait: Duration,
+    /// No live display, no lines in between.
+    pub quiet: bool,
+}
+
+/// After one role has failed the others get this long to save and leave.
+const AFTER_FAILURE: Duration = Duration::from_millis(1500);
+
+/// Runs (or goes on with) the run in `folder`.
+///
+/// # Errors
+/// The first failure of a role.
+pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(Ended, Summary), Failure> {
+    let (sender, news) = channel();
+    watch_signals(sender.clone())?;
+    let start = Instant::now();
+    let mut display = Display::new(config, options.quiet);
+    let mut roles: Box<dyn Roles> = match options.place {
+        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, &sender)?),
+        Place::Processes(transport) => {
+            Box::new(ChildProcesses::start(folder, config, options.wait, transport, &sender)?)
+        }
+    };
+    let count = config.world.agents as usize + 2;
+    let outcome = follow(&mut *roles, &news, &mut display, count, folder.path());
+    roles.abandon();
+    display.finish();
+    drop(roles);
+    let ended = outcome?;
+    let summary = summary::collect(folder, config, start.elapsed())?;
+    folder.write_result(&summary)?;
+    Ok((ended, summary))
+}
+
+fn watch_signals(sender: Sender<News>) -> Result<(), Failure> {
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])
+        .map_err(|error| Failure::new(exit::BUG, format!("cannot watch for signals: {error}")))?;
+    std::thread::spawn(move || {
+        for _ in signals.forever() {
+            if sender.send(News::Signal).is_err() {
+                break;
+            }
+        }
+    });
+    Ok(())
+}
+
+/// Follows the roles until all have ended.
+fn follow(
+    roles: &mut dyn Roles,
+    news: &Receiver<News>,
+    display: &mut Display,
+    count: usize,
+    path: &Path,
+) -> Result<Ended, Failure> {
+    let (mut left, mut ended, mut signals) = (count, Ended::Finished, 0);
+    let mut failed: Option<(Failure, Instant)> = None;
+    while left > 0 {
+        let wait = match &failed {
+            Some((_, deadline)) => deadline.saturating_duration_since(Instant::now()),
+            None => Duration::from_secs(1),
+        };
+        match news.recv_timeout(wait) {
+            Ok(News::Scalars { agent, metrics }) => display.hear(agent, &metrics),
+            Ok(News::Ended { role, result }) => {
+                left -= 1;
+                match result {
+                    Ok(how) if role == "world" => ended = how,
+                    Ok(_) => {}
+                    Err(failure) if failed.is_none() => {
+                        let hint = if failure.code == exit::AGAIN {
+                            format!("\nhint: go on with `rondo resume {}`", path.display())
+                        } else {
+                            String::new()
+                        };
+                        let failure = Failure::new(failure.code, format!("{role}: {failure}{hint}"));
+                        failed = Some((failure, Instant::now() + AFTER_FAILURE));
+                        // The first asks for a round edge, which may never come; the second does not.
+                        roles.stop();
+                        roles.stop();
+                    }
+                    Err(_) => {}
+                }
+            }
+            Ok(News::Signal) => {
+                signals += 1;
+                match signals {
+                    1 => display.say("stopping at the next round edge; once more to leave at once"),
+                    2 => {}
+                    _ => roles.abandon(),
+                }
+                roles.stop();
+            }
+            Err(RecvTimeoutError::Timeout) if failed.is_some() => break,
+            Err(RecvTimeoutError::Timeout) => display.refresh(),
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+    }
+    match failed {
+        Some((failure, _)) => Err(failure),
+        None => Ok(ended),
+    }
+}

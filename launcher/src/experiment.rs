@@ -1,0 +1,160 @@
+//! From the words on the command line to a complete configuration.
+
+use process::Failure;
+use proto::config::{AlgoName, Config, Period, Profile};
+use proto::presets::{self, Family};
+use proto::{exit, Observe};
+
+/// The task that `rondo train` takes when it is given none: small enough to watch it being learned.
+pub const DEFAULT_TASK: &str = "lbf-5x5-2p-1f";
+
+/// Environment steps without `--paper` or `--t-max`: about a minute on two cores.
+const DEFAULT_BUDGET: u64 = 500_000;
+
+/// Tests per run without `--test-interval`, besides the first.
+const DEFAULT_TESTS: u64 = 20;
+
+/// What to learn, how and for how long.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Experiment {
+    /// The task, for example lbf-8x8-2p-2f-coop; `rondo tasks` lists them
+    #[arg(default_value = DEFAULT_TASK)]
+    pub task: String,
+    /// Algorithm: mtppo (multi-timescale), ippo (independent) or sppo (sequential)
+    #[arg(long, default_value = "mtppo")]
+    pub algo: String,
+    /// Learning rate of the agent whose turn it is
+    #[arg(long, value_name = "RATE")]
+    pub lr_fast: Option<f64>,
+    /// Learning rate of the other agents
+    #[arg(long, value_name = "RATE")]
+    pub lr_slow: Option<f64>,
+    /// Update calls until the turn goes to the next agent, or `inf`
+    #[arg(long, value_name = "S")]
+    pub switch_period: Option<String>,
+    /// Environment steps to train for
+    #[arg(long, value_name = "N")]
+    pub t_max: Option<u64>,
+    /// All chance in a run follows from it
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Environment copies, each good for one episode per update call
+    #[arg(long, value_name = "B")]
+    pub envs: Option<u32>,
+    /// Environment steps between tests
+    #[arg(long, value_name = "N")]
+    pub test_interval: Option<u64>,
+    /// Episodes per test
+    #[arg(long, value_name = "N")]
+    pub test_episodes: Option<u32>,
+    /// The paper's budget, test points and rule versions for this task
+    #[arg(long)]
+    pub paper: bool,
+    /// Published variant of the algorithms: epymarl or benchmark2021
+    #[arg(long, default_value = "epymarl")]
+    pub profile: String,
+    /// Set any key of the configuration, for example `algo.hidden=64` or `schedule.levels=[0,1,1]`
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+}
+
+impl Experiment {
+    /// The validated configuration of a run with this name.
+    ///
+    /// # Errors
+    /// All that is wrong, in one message.
+    pub fn configure(&self, run: &str) -> Result<Config, Failure> {
+        let usage = |error: &dyn std::fmt::Display| Failure::new(exit::CONFIG, error);
+        let mut task = envs::task(&self.task).map_err(|e| usage(&e))?;
+        if self.paper && task.family() == "lbf" {
+            // The paper's results are of the second rule version.
+            task = task.with_rules("v2").map_err(|e| usage(&e))?;
+        }
+        let family = Family::Lbf;
+        let name = named::<AlgoName>(&self.algo, "algorithm", &AlgoName::ALL.map(AlgoName::as_str))?;
+        let profile = named::<Profile>(&self.profile, "profile", &Profile::ALL.map(Profile::as_str))?;
+        let agents = task.sizes().agents as u32;
+        let mut config = presets::config(run, task.name(), agents, name, family);
+        config.seed = self.seed;
+        presets::apply_profile(&mut config.algo, profile, family);
+        self.rates(&mut config, name)?;
+        if let Some(period) = &self.switch_period {
+            config.schedule.switch_period = period.parse::<Period>().map_err(|e| usage(&e))?;
+        }
+        if !self.paper {
+            config.t_max = DEFAULT_BUDGET;
+        }
+        config.t_max = self.t_max.unwrap_or(config.t_max);
+        if !self.paper || self.t_max.is_some() {
+            config.test.interval = (config.t_max / DEFAULT_TESTS).max(1);
+        }
+        config.test.interval = self.test_interval.unwrap_or(config.test.interval);
+        config.test.episodes = self.test_episodes.unwrap_or(config.test.episodes);
+        config.log.interval = (config.test.interval / 5).max(1);
+        config.world.copies = self.envs.unwrap_or(config.world.copies);
+        let config = overridden(config, &self.settings)?;
+        let config = with_transport(config, &task);
+        config.validate()?;
+        Ok(config)
+    }
+
+    fn rates(&self, config: &mut Config, name: AlgoName) -> Result<(), Failure> {
+        let rates = &mut config.schedule.rates;
+        match (name, self.lr_fast, self.lr_slow) {
+            // One rate for all: either option says it.
+            (AlgoName::Ippo, Some(lr), None) | (AlgoName::Ippo, None, Some(lr)) => rates.fill(lr),
+            (_, fast, slow) => {
+                rates[0] = fast.unwrap_or(rates[0]);
+                if let (Some(slow), Some(rate)) = (slow, rates.get_mut(1)) {
+                    *rate = slow;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A choice by name, with the nearest known one in the error.
+fn named<T: std::str::FromStr>(text: &str, what: &str, known: &[&str]) -> Result<T, Failure> {
+    text.parse().map_err(|_| {
+        let nearest = proto::suggest::nearest(text, known.iter().copied());
+        let hint = nearest.map_or(String::new(), |name| format!("; did you mean `{name}`?"));
+        Failure::new(exit::CONFIG, format!("unknown {what} `{text}`: expected {}{hint}", known.join(", ")))
+    })
+}
+
+/// Applies `KEY=VALUE` settings; the value is TOML, or a bare word.
+fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure> {
+    if settings.is_empty() {
+        return Ok(config);
+    }
+    let bug = |error: &dyn std::fmt::Display| Failure::new(exit::BUG, error);
+    let mut table: toml::Table = config.to_toml().parse().map_err(|e| bug(&e))?;
+    for setting in settings {
+        let bad = |why: &str| {
+            let text = format!("`--set {setting}`: {why}; write KEY=VALUE, for example algo.hidden=64");
+            Failure::new(exit::USAGE, text)
+        };
+        let (key, value) = setting.split_once('=').ok_or_else(|| bad("there is no `=`"))?;
+        let value = format!("x = {value}").parse::<toml::Table>().ok().and_then(|mut t| t.remove("x"));
+        let value = value.unwrap_or_else(|| toml::Value::String(setting[key.len() + 1..].to_owned()));
+        let mut place = &mut table;
+        let mut parts: Vec<&str> = key.split('.').collect();
+        let last = parts.pop().filter(|last| !last.is_empty()).ok_or_else(|| bad("the key is empty"))?;
+        for part in parts {
+            let entry = place.entry(part).or_insert_with(|| toml::Value::Table(toml::Table::new()));
+            place = entry.as_table_mut().ok_or_else(|| bad(&format!("`{part}` holds no keys")))?;
+        }
+        place.insert(last.to_owned(), value);
+    }
+    Ok(Config::from_toml(&table.to_string())?)
+}
+
+/// Chooses the faster transport where the largest message fits it.
+fn with_transport(mut config: Config, task: &envs::Task) -> Config {
+    let rows = config.world.copies.max(config.test.episodes) as usize;
+    let sizes = task.sizes();
+    let largest = (0..sizes.agents).map(|i| Observe::encoded_len(rows, sizes.obs_size[i], sizes.n_actions[i])).max();
+    config.bus.low_latency = largest.is_some_and(|bytes| bytes <= bus::LOW_LATENCY_MAX_BYTES);
+    config
+}

@@ -1,0 +1,98 @@
+//! All roles as threads of this process, on a bus in memory: the same functions, the same bits.
+
+use std::sync::mpsc::{channel, Receiver, Sender};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use bus::{Bus, Event, Inbox};
+use process::Failure;
+use proto::config::Config;
+use store::{RoleFolder, RunFolder};
+
+use crate::display::listen;
+use crate::drive::{Ended, News, Roles};
+
+/// Roles running as threads.
+pub struct InProcess {
+    world: Inbox,
+    others: Vec<Inbox>,
+    threads: Vec<JoinHandle<()>>,
+    stops: u32,
+}
+
+impl InProcess {
+    /// Starts one thread for each role.
+    ///
+    /// # Errors
+    /// If a role's folder cannot be made.
+    pub fn start(folder: &RunFolder, config: &Config, wait: Duration, news: &Sender<News>) -> Result<Self, Failure> {
+        let hub = bus::memory();
+        listen(hub.connect(), config, news.clone())?;
+        let mut roles = Self { world: channel().0, others: vec![], threads: vec![], stops: 0 };
+        let mut begin = |name: String, role: Box<Role>| -> Result<Inbox, Failure> {
+            let (inbox, events) = channel();
+            let (bus, folder, config) = (hub.connect(), folder.role(&name)?, config.clone());
+            let (stop, news) = (inbox.clone(), news.clone());
+            roles.threads.push(std::thread::spawn(move || {
+                let result = role(bus, &config, &folder, inbox, &events, wait);
+                // Nobody listens any more only when the run is abandoned.
+                let _ = news.send(News::Ended { role: name, result });
+            }));
+            Ok(stop)
+        };
+        let world = begin(
+            "world".to_owned(),
+            Box::new(|bus, config, folder, inbox, events, wait| {
+                env_server::run(bus, config, folder, inbox, events, wait).map(|closed| match closed {
+                    env_server::Closed::Finished => Ended::Finished,
+                    env_server::Closed::Stopped => Ended::Stopped,
+                })
+            }),
+        )?;
+        let mut others = vec![begin(
+            "coordinator".to_owned(),
+            Box::new(|bus, config, folder, inbox, events, wait| {
+                coordinator::run(bus, config, folder, inbox, events, wait).map(|()| Ended::Finished)
+            }),
+        )?];
+        for id in 0..config.world.agents {
+            others.push(begin(
+                format!("agent-{id}"),
+                Box::new(move |bus, config, folder, inbox, events, wait| {
+                    agent::run(bus, id, config, folder, inbox, events, wait).map(|left| match left {
+                        agent::Left::Finished => Ended::Finished,
+                        agent::Left::Stopped => Ended::Stopped,
+                    })
+                }),
+            )?);
+        }
+        (roles.world, roles.others) = (world, others);
+        Ok(roles)
+    }
+}
+
+type Role = dyn FnOnce(Arc<dyn Bus>, &Config, &RoleFolder, Inbox, &Receiver<Event>, Duration) -> Result<Ended, Failure>
+    + Send;
+
+impl Roles for InProcess {
+    fn stop(&mut self) {
+        // The env-server tells the others; a role that has ended needs no telling.
+        let _ = self.world.send(Event::Stop);
+        self.stops += 1;
+        if self.stops > 1 {
+            for inbox in &self.others {
+                let _ = inbox.send(Event::Stop);
+            }
+        }
+    }
+
+    fn abandon(&mut self) {
+        self.stop();
+        self.stop();
+        for thread in self.threads.drain(..) {
+            // A panic has already ended the process.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Commands that look at runs and tasks: digest, plot, compare, example, tasks.
+
+use std::path::PathBuf;
+
+use monitor::PlotOptions;
+use process::Failure;
+use proto::exit;
+use store::RunFolder;
+
+fn unusable(error: monitor::Error) -> Failure {
+    let code = match error {
+        monitor::Error::Read { .. } | monitor::Error::Write { .. } => exit::IO,
+        monitor::Error::Raster { .. } => exit::BUG,
+        monitor::Error::Extension { .. } => exit::USAGE,
+        _ => exit::CONFIG,
+    };
+    Failure::new(code, error)
+}
+
+/// Print digests of the final weights and the metric rows
+#[derive(Debug, Clone, clap::Args)]
+pub struct Digest {
+    /// The run folder
+    run: PathBuf,
+    /// One line of JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Digest {
+    pub fn run(&self) -> Result<(), Failure> {
+        process::start_logs(None);
+        let digest = store::digest(&RunFolder::open(&self.run)?)?;
+        if self.json {
+            let line = serde_json::to_string(&digest).map_err(|error| Failure::new(exit::BUG, error))?;
+            println!("{line}");
+        } else {
+            println!("{digest}");
+        }
+        Ok(())
+    }
+}
+
+/// Draw learning curves
+#[derive(Debug, Clone, clap::Args)]
+pub struct Plot {
+    /// Run folders, folders of runs, or reference curves (.json)
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// The picture, .png or .svg
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// The metric, for example `return_mean` or `agent-0/entropy`
+    #[arg(long, default_value = "test_return_mean")]
+    metric: String,
+    /// Smooth over this many points, centred
+    #[arg(long, default_value_t = 1)]
+    smooth: usize,
+    /// Largest number of environment steps to show
+    #[arg(long, value_name = "N")]
+    x_max: Option<f64>,
+    /// Title of the picture
+    #[arg(long)]
+    title: Option<String>,
+}
+
+impl Plot {
+    pub fn run(&self) -> Result<(), Failure> {
+        let mut curves = Vec::new();
+        for run in &self.runs {
+            curves.extend(monitor::load_all(run, &self.metric).map_err(unusable)?);
+        }
+        let groups = monitor::group(curves).map_err(unusable)?;
+        let defaults = PlotOptions::default();
+        let options = PlotOptions {
+            title: self.title.clone().unwrap_or(defaults.title),
+            metric: self.metric.clone(),
+            smooth: self.smooth,
+            x_max: self.x_max,
+        };
+        monitor::plot(&groups, &options, &self.out).map_err(unusable)?;
+        println!("{}", self.out.display());
+        Ok(())
+    }
+}
+
+/// Compare learning curves with reference curves
+#[derive(Debug, Clone, clap::Args)]
+pub struct Compare {
+    /// Run folders, or folders of runs
+    #[arg(required = true)]
+    runs: Vec<PathBuf>,
+    /// Reference curves (.json), or runs to compare with
+    #[arg(long, required = true, num_args = 1..)]
+    reference: Vec<PathBuf>,
+}
+
+impl Compare {
+    pub fn run(&self) -> Result<(), Failure> {
+        let load = |paths: &[PathBuf]| -> Result<Vec<monitor::Curve>, Failure> {
+            let mut curves = Vec::new();
+            for path in paths {
+                curves.extend(monitor::load_all(path, "test_return_mean").map_err(unusable)?);
+            }
+            Ok(curves)
+        };
+        println!("{}", monitor::compare(&load(&self.runs)?, &load(&self.reference)?));
+        Ok(())
+    }
+}
+
+/// Work out an example from the paper
+#[derive(Debug, Clone, clap::Args)]
+pub struct Example {
+    #[command(subcommand)]
+    which: Which,
+}
+
+#[derive(Debug, Clone, clap::Subcommand)]
+enum Which {
+    /// Three agents estimate one quantity: who moves when decides whether they converge
+    Estimation {
+        /// Where to draw it, .png or .svg
+        #[arg(long, value_name = "FILE", default_value = "estimation.svg")]
+        out: PathBuf,
+    },
+}
+
+impl Example {
+    pub fn run(&self) -> Result<(), Failure> {
+        let Which::Estimation { out } = &self.which;
+        println!("{}", monitor::estimation_report());
+        monitor::estimation_plot(out).map_err(unusable)?;
+        println!("drawn in {}", out.display());
+        Ok(())
+    }
+}
+
+/// List the tasks
+#[derive(Debug, Clone, clap::Args)]
+pub struct Tasks {}
+
+impl Tasks {
+    pub fn run(&self) -> Result<(), Failure> {
+        let tasks = envs::tasks();
+        let width = tasks.iter().map(|task| task.name.len()).max().unwrap_or(0);
+        println!("{:width$}  agents  observation  actions  limit  rules", "task");
+        for task in &tasks {
+            let list = |sizes: &[usize]| {
+                let mut sizes = sizes.to_vec();
+                sizes.dedup();
+                sizes.iter().map(usize::to_string).collect::<Vec<_>>().join("/")
+            };
+            println!(
+                "{:width$}  {:>6}  {:>11}  {:>7}  {:>5}  {}",
+                task.name,
+                task.sizes.agents,
+                list(&task.sizes.obs_size),
+                list(&task.sizes.n_actions),
+                task.sizes.episode_limit,
+                task.source
+            );
+        }
+        let mut notes: Vec<&str> = tasks.iter().map(|task| task.note.as_str()).collect();
+        notes.dedup();
+        for note in notes {
+            println!("\n{note}");
+        }
+        Ok(())
+    }
+}

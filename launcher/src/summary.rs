@@ -1,0 +1,103 @@
+//! What is left when a run ends: `result.json` and the summary on the terminal.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+use process::Failure;
+use proto::config::Config;
+use proto::exit;
+use serde::Serialize;
+use serde_json::Value;
+use store::RunFolder;
+
+use crate::display::thousands;
+
+/// The result of a run, as in its result.json.
+#[derive(Debug, Clone, Serialize)]
+pub struct Summary {
+    pub rondo_version: &'static str,
+    pub task: String,
+    pub algo: String,
+    pub seed: u64,
+    pub t_env: u64,
+    pub update_calls: u64,
+    pub test_return_mean: Option<f64>,
+    pub best_test_return_mean: Option<f64>,
+    /// Of this process; a resumed run counts from the resume.
+    pub wall_seconds: f64,
+    /// Training steps per second between the first tick and the last, tests not counted.
+    pub env_steps_per_second: f64,
+    pub digest: Option<String>,
+    /// Payload bytes that the roles sent, by key.
+    pub bytes_by_key: BTreeMap<String, u64>,
+    /// What each role wrote into its own result.json.
+    pub roles: BTreeMap<String, Value>,
+    #[serde(skip)]
+    pub folder: String,
+}
+
+/// Reads what the roles have left in the run folder.
+///
+/// # Errors
+/// If the env-server's result cannot be read.
+pub fn collect(folder: &RunFolder, config: &Config, wall: Duration) -> Result<Summary, Failure> {
+    let mut roles = BTreeMap::new();
+    let mut bytes_by_key = BTreeMap::new();
+    for role in folder.roles()? {
+        let path = folder.path().join(&role).join("result.json");
+        // A role that failed has left none.
+        let Ok(text) = std::fs::read_to_string(&path) else { continue };
+        let Ok(mut value) = serde_json::from_str::<Value>(&text) else { continue };
+        let traffic = value.as_object_mut().and_then(|o| o.remove("traffic")).unwrap_or_default();
+        for entry in traffic.as_array().into_iter().flatten() {
+            if let (Some(key), Some(bytes)) = (entry[0].as_str(), entry[2].as_u64()) {
+                *bytes_by_key.entry(key.to_owned()).or_insert(0) += bytes;
+            }
+        }
+        roles.insert(role, value);
+    }
+    let world = roles.get("world").cloned().ok_or_else(|| {
+        let text = format!("the env-server has left no result in {}", folder.path().display());
+        Failure::new(exit::BUG, text)
+    })?;
+    let seconds = world["seconds"]["total"].as_f64().unwrap_or(0.0) - world["seconds"]["tests"].as_f64().unwrap_or(0.0);
+    let steps = world["steps_played"].as_u64().unwrap_or(0);
+    Ok(Summary {
+        rondo_version: env!("CARGO_PKG_VERSION"),
+        task: config.world.task.clone(),
+        algo: config.algo.name.to_string(),
+        seed: config.seed,
+        t_env: world["t_env"].as_u64().unwrap_or(0),
+        update_calls: world["rounds"].as_u64().unwrap_or(0),
+        test_return_mean: world["test_return_mean"].as_f64(),
+        best_test_return_mean: world["best_test_return_mean"].as_f64(),
+        wall_seconds: wall.as_secs_f64(),
+        env_steps_per_second: if seconds > 0.0 { steps as f64 / seconds } else { 0.0 },
+        digest: store::digest(folder).ok().map(|digest| digest.digest),
+        bytes_by_key,
+        roles,
+        folder: folder.path().display().to_string(),
+    })
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let number = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.4}"));
+        writeln!(f, "{} · {} · seed {}", self.task, self.algo, self.seed)?;
+        writeln!(f, "  test return      {} (best {})", number(self.test_return_mean), number(self.best_test_return_mean))?;
+        writeln!(
+            f,
+            "  environment      {} steps, {} per second, {} update calls",
+            thousands(self.t_env),
+            thousands(self.env_steps_per_second.round() as u64),
+            thousands(self.update_calls)
+        )?;
+        writeln!(f, "  on the bus       bytes by key")?;
+        for (key, bytes) in &self.bytes_by_key {
+            writeln!(f, "    {:>14}  {key}", thousands(*bytes))?;
+        }
+        writeln!(f, "  run folder       {}", self.folder)?;
+        write!(f, "  digest           {}", self.digest.as_deref().unwrap_or("–"))
+    }
+}
