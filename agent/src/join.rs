@@ -34,7 +34,10 @@ pub fn take_seat(
     loop {
         match events.try_recv() {
             Ok(Event::Stop) | Err(TryRecvError::Disconnected) => {
-                return Err(Failure::new(exit::AGAIN, format!("agent {id} was stopped before it had a seat")));
+                return Err(Failure::new(
+                    exit::AGAIN,
+                    format!("agent {id} was stopped before it had a seat"),
+                ));
             }
             Ok(_) | Err(TryRecvError::Empty) => {}
         }
@@ -56,7 +59,8 @@ pub fn take_seat(
                 Ok(Welcome::Seat(seat)) => return Ok(seat),
                 Ok(Welcome::Refused(refusal)) => return Err(refused(id, &refusal)),
                 Err(error) => {
-                    let text = format!("agent {id} asked for a seat and got an answer it cannot read: {error}");
+                    let text =
+                        format!("agent {id} asked for a seat and got an answer it cannot read: {error}");
                     return Err(Failure::new(exit::CONFIG, text));
                 }
             },

@@ -5,13 +5,13 @@ use algos::ppo::{self, Counters, Ppo, UpdateStats};
 use algos::returns::EndOfBatch;
 use algos::reward_stats::Standardisation;
 use algos::rollout::{self, Rollout};
-use rand_chacha::ChaCha8Rng;
 use process::Failure;
 use proto::config::{self, Config};
 use proto::control::Seat;
 use proto::exit;
 use proto::stream::stream;
 use proto::{End, Observe};
+use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use store::{Checkpoint, Position, Tensor};
 
@@ -79,7 +79,9 @@ impl Learner {
             (&observe.copies, &observe.obs, &observe.avail)
         } else {
             let Running { copies, obs, avail } = &mut self.running;
-            (copies.clear(), obs.clear(), avail.clear());
+            copies.clear();
+            obs.clear();
+            avail.clear();
             for row in observe.running() {
                 copies.push(observe.copies[row]);
                 obs.extend_from_slice(observe.observation(row));
@@ -126,7 +128,8 @@ impl Learner {
         let saved = Saved { counters: self.ppo.counters(), unlogged: unlogged.clone(), metrics };
         let state = serde_json::to_vec(&saved).expect("numbers and strings always serialise");
         let tensors = self.ppo.tensors().into_iter();
-        let tensors = tensors.map(|(name, shape, data)| Tensor { name, shape, data: data.to_vec() }).collect();
+        let tensors =
+            tensors.map(|(name, shape, data)| Tensor { name, shape, data: data.to_vec() }).collect();
         Checkpoint { round: self.ppo.update_calls(), state, tensors }
     }
 

@@ -41,7 +41,14 @@ fn scalars(stats: &UpdateStats, lr: f64) -> [(&'static str, f64); 9] {
 impl Unlogged {
     /// Adds an update call after which the run had counted `t_env` environment steps; gives a row of
     /// means when `interval` steps have passed since the last one.
-    pub fn add(&mut self, stats: &UpdateStats, lr: f64, t_env: u64, update_calls: u64, interval: u64) -> Option<Row> {
+    pub fn add(
+        &mut self,
+        stats: &UpdateStats,
+        lr: f64,
+        t_env: u64,
+        update_calls: u64,
+        interval: u64,
+    ) -> Option<Row> {
         let scalars = scalars(stats, lr);
         self.sums.resize(scalars.len(), 0.0);
         self.update_calls += 1;

@@ -18,7 +18,11 @@ impl Timetable {
 
     /// What holds in an update call, if the coordinator has said so.
     pub fn covering(&self, update_call: u64) -> Option<&Rates> {
-        self.by_start.range(..=update_call).next_back().map(|(_, rates)| rates).filter(|r| r.covers(update_call))
+        self.by_start
+            .range(..=update_call)
+            .next_back()
+            .map(|(_, rates)| rates)
+            .filter(|r| r.covers(update_call))
     }
 
     /// Forgets what ended before an update call.

@@ -46,6 +46,7 @@ struct Report {
     update_calls: u64,
     seconds: Seconds,
     ignored_messages: u64,
+    peak_memory_bytes: Option<u64>,
     traffic: Vec<(String, u64, u64)>,
 }
 
@@ -64,11 +65,8 @@ pub fn run(
     wait: Duration,
 ) -> Result<Left, Failure> {
     let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
-    let join = Join {
-        config_digest: config.digest(),
-        nonce: nonce(),
-        checkpoints: folder.checkpoints().rounds()?,
-    };
+    let join =
+        Join { config_digest: config.digest(), nonce: nonce(), checkpoints: folder.checkpoints().rounds()? };
     let seat = take_seat(&*bus, &keys, id, &join, events, wait)?;
     tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, "has a seat");
 
@@ -85,9 +83,10 @@ pub fn run(
 fn nonce() -> u64 {
     let mut hasher = std::hash::DefaultHasher::new();
     std::hash::Hash::hash(&(std::process::id(), std::time::SystemTime::now()), &mut hasher);
-    std::hash::Hasher::finish(&hasher) ^ std::hash::Hasher::finish(&std::hash::BuildHasher::build_hasher(
-        &std::collections::hash_map::RandomState::new(),
-    ))
+    std::hash::Hasher::finish(&hasher)
+        ^ std::hash::Hasher::finish(&std::hash::BuildHasher::build_hasher(
+            &std::collections::hash_map::RandomState::new(),
+        ))
 }
 
 struct Agent<'a> {
@@ -204,6 +203,7 @@ impl<'a> Agent<'a> {
             update_calls: self.learner.update_calls(),
             seconds: self.seconds,
             ignored_messages: self.ignored,
+            peak_memory_bytes: process::peak_memory_bytes(),
             traffic: self.bus.traffic().into_iter().map(|t| (t.key, t.messages, t.bytes)).collect(),
         })?;
         Ok(left)
@@ -327,7 +327,7 @@ impl<'a> Agent<'a> {
             timed(&mut disk, || self.metrics.append(&row))?;
             self.seconds.disk += disk;
         }
-        if update_calls % self.config.save.interval == 0 {
+        if update_calls.is_multiple_of(self.config.save.interval) {
             self.save()?;
         }
         Ok(())
@@ -338,8 +338,7 @@ impl<'a> Agent<'a> {
     fn rates(&mut self, update_call: u64, events: &Receiver<Event>) -> Result<Rates, Failure> {
         // What has arrived meanwhile may be it; ticks cannot be among it, the env-server waits for us.
         let deadline = Instant::now() + self.wait;
-        let question =
-            encode(&RatesQuery { update_call }).map_err(|error| Failure::new(exit::BUG, error))?;
+        let question = encode(&RatesQuery { update_call }).map_err(|error| Failure::new(exit::BUG, error))?;
         loop {
             if let Some(rates) = self.timetable.covering(update_call) {
                 return Ok(rates.clone());

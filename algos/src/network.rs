@@ -73,7 +73,8 @@ impl Network {
     pub fn blocks(&self) -> Vec<Block> {
         let (i, h, o) = (self.inputs, self.hidden, self.outputs);
         let of_fan_in = |fan_in: usize| 1.0 / (fan_in as f32).sqrt();
-        let block = |name, shape: &[usize], fan_in| Block { name, shape: shape.to_vec(), bound: of_fan_in(fan_in) };
+        let block =
+            |name, shape: &[usize], fan_in| Block { name, shape: shape.to_vec(), bound: of_fan_in(fan_in) };
         let mut blocks = vec![block("fc1.weight", &[i, h], i), block("fc1.bias", &[h], i)];
         blocks.extend(match self.kind {
             Kind::Fc => vec![block("fc2.weight", &[h, h], h), block("fc2.bias", &[h], h)],

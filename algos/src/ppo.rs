@@ -166,7 +166,8 @@ struct Work {
 impl Ppo {
     /// A fresh learner; `rng` gives the initial weights of the actor, then of the critic (§1.3).
     pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
-        let actor = Network { kind: config.actor, inputs: obs_size, hidden: config.hidden, outputs: n_actions };
+        let actor =
+            Network { kind: config.actor, inputs: obs_size, hidden: config.hidden, outputs: n_actions };
         let critic = Network { kind: Kind::Fc, outputs: 1, ..actor };
         let actor_values = initial(&actor.blocks(), rng);
         let critic_values = initial(&critic.blocks(), rng);
@@ -206,7 +207,14 @@ impl Ppo {
     ///
     /// Row `k` shows environment copy `copies[k]`: `obs` is `rows × obs_size`, `avail` is
     /// `rows × n_actions`. Draws exactly one number per row from `rng`.
-    pub fn act(&mut self, copies: &[u16], obs: &[f32], avail: &[u8], rng: &mut impl Rng, actions: &mut Vec<u16>) {
+    pub fn act(
+        &mut self,
+        copies: &[u16],
+        obs: &[f32],
+        avail: &[u8],
+        rng: &mut impl Rng,
+        actions: &mut Vec<u16>,
+    ) {
         let hidden = self.config.hidden;
         let Acting { states, rows, network } = &mut self.acting;
         rows.clear();
@@ -279,7 +287,8 @@ impl Ppo {
     }
 
     fn actor_step(&mut self, batch: &Batch, epoch: usize, lr: f64, sum: &mut UpdateStats) {
-        let Work { actor: to, actor_gradient: gradient, advantages, d_logits, log_p_old, .. } = &mut self.work;
+        let Work { actor: to, actor_gradient: gradient, advantages, d_logits, log_p_old, .. } =
+            &mut self.work;
         self.actor.forward(&self.actor_values, &batch.obs, &batch.steps, to);
         let terms = loss::Terms {
             avail: &batch.avail,

@@ -91,7 +91,8 @@ impl Parameters {
     /// Clip to `max_norm`, then Adam, as PyTorch does them.
     fn descend(&mut self, loss: &Tensor, max_norm: f64, lr: f64) -> Result<()> {
         let gradients = loss.backward()?;
-        let gradients: Vec<Tensor> = self.values.iter().map(|v| gradients.get(v).expect("a gradient").clone()).collect();
+        let gradients: Vec<Tensor> =
+            self.values.iter().map(|v| gradients.get(v).expect("a gradient").clone()).collect();
         let mut squares = 0.0;
         for g in &gradients {
             squares += g.sqr()?.sum_all()?.to_scalar::<f64>()?;
@@ -297,13 +298,19 @@ fn compare(config: Config, lengths: &[usize], reward_scale: f32) {
         let rollout = play(&mut learner, lengths, reward_scale, &mut rng);
         learner.update(&rollout, lr);
         reference.update(&rollout, lr).expect("reference update");
-        let parts =
-            [("actor", &reference.actor.values), ("critic", &reference.critic.values), ("target_critic", &reference.target)];
+        let parts = [
+            ("actor", &reference.actor.values),
+            ("critic", &reference.critic.values),
+            ("target_critic", &reference.target),
+        ];
         for (owner, values) in parts {
             let (largest, mean) = distance(&learner, owner, values).expect("same shapes");
             // Adam turns a gradient that is nothing but rounding into a whole step, so single parameters
             // may differ by more than the rounding of an addition.
-            assert!(mean < 2e-6 && largest < 1e-4, "{owner} after call {call}: mean {mean:e}, largest {largest:e}");
+            assert!(
+                mean < 2e-6 && largest < 1e-4,
+                "{owner} after call {call}: mean {mean:e}, largest {largest:e}"
+            );
         }
     }
     let moved = start.tensors().iter().zip(learner.tensors()).any(|(a, b)| a.2[0] != b.2[0]);
@@ -392,7 +399,8 @@ fn a_restored_learner_goes_on_with_the_same_bits() {
     let first = play(&mut learner, &[4, 6], 1.0, &mut rng);
     learner.update(&first, 1e-3);
     let counters = learner.counters();
-    let saved: Vec<(String, Vec<f32>)> = learner.tensors().into_iter().map(|(n, _, d)| (n, d.to_vec())).collect();
+    let saved: Vec<(String, Vec<f32>)> =
+        learner.tensors().into_iter().map(|(n, _, d)| (n, d.to_vec())).collect();
 
     let mut other = Ppo::new(config, OBS, ACTIONS, &mut ChaCha8Rng::seed_from_u64(99));
     let find = |name: &str| saved.iter().find(|(n, _)| n == name).map(|(_, d)| d.as_slice());

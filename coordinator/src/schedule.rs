@@ -84,7 +84,10 @@ mod tests {
         let config = config(3, &[4e-4, 1e-4], &[0, 1, 1], Period::Every(100));
         for (u, fast) in [(0, 0), (99, 0), (100, 1), (299, 2), (300, 0)] {
             let rates = rates(&config, u);
-            assert_eq!((rates.fast_agent, rates.from, rates.until), (fast, u / 100 * 100, u / 100 * 100 + 100));
+            assert_eq!(
+                (rates.fast_agent, rates.from, rates.until),
+                (fast, u / 100 * 100, u / 100 * 100 + 100)
+            );
             for agent in 0..3 {
                 assert_eq!(rates.rate_of(agent), Some(if agent == fast { 4e-4 } else { 1e-4 }));
             }

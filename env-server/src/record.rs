@@ -144,9 +144,9 @@ pub struct Seconds {
     pub messages: f64,
     /// Waiting for actions in the middle of a round: the bus and the agents' inference.
     pub actions: f64,
-    /// Waiting at tick 0 of a training round: the update calls.
+    /// Waiting at tick 0 of a round: the update calls.
     pub updates: f64,
-    /// Tests, all of it.
+    /// Tests, but for the wait at their tick 0.
     pub tests: f64,
     /// Checkpoints and metric rows.
     pub disk: f64,
@@ -167,6 +167,7 @@ pub struct Report {
     pub best_test_return_mean: Option<f64>,
     pub seconds: Seconds,
     pub ignored_messages: u64,
+    pub peak_memory_bytes: Option<u64>,
     pub traffic: Vec<(String, u64, u64)>,
 }
 

@@ -8,7 +8,7 @@ use process::Failure;
 use proto::exit;
 use proto::keys::{Key, Keys};
 use proto::tick::TickId;
-use proto::{Act, Mode, Observe};
+use proto::{Act, Observe};
 
 use crate::convert::Copies;
 use crate::record::Seconds;
@@ -92,7 +92,13 @@ impl<'a> Team<'a> {
     ///
     /// # Errors
     /// If an agent is lost or silent for too long.
-    pub fn play(&mut self, copies: &mut Copies, first: TickId, t_env: u64, seed: u64) -> Result<(), Interrupted> {
+    pub fn play(
+        &mut self,
+        copies: &mut Copies,
+        first: TickId,
+        t_env: u64,
+        seed: u64,
+    ) -> Result<(), Interrupted> {
         let start = Instant::now();
         copies.reset(seed, first.mode, first.round);
         self.seconds.world += start.elapsed().as_secs_f64();
@@ -112,11 +118,7 @@ impl<'a> Team<'a> {
             self.wait_for_answers(id, Some(copies))?;
             let waited = sent.elapsed().as_secs_f64();
             // At tick 0 the agents first finish their update call.
-            *(if id.tick == 0 && id.mode == Mode::Train {
-                &mut self.seconds.updates
-            } else {
-                &mut self.seconds.actions
-            }) += waited;
+            *(if id.tick == 0 { &mut self.seconds.updates } else { &mut self.seconds.actions }) += waited;
             self.ticks += 1;
             if copies.running() == 0 {
                 return Ok(());
@@ -134,7 +136,8 @@ impl<'a> Team<'a> {
     /// If an agent is lost or silent for too long.
     pub fn close(&mut self, id: TickId, t_env: u64) -> Result<(), Interrupted> {
         self.seats.close();
-        let message = Observe { mode: id.mode, epoch: id.epoch, round: id.round, t_env, ..Observe::default() };
+        let message =
+            Observe { mode: id.mode, epoch: id.epoch, round: id.round, t_env, ..Observe::default() };
         for (publisher, bytes) in self.observe.iter().zip(&mut self.messages) {
             message.encode(bytes);
             publisher.send(bytes)?;
@@ -150,7 +153,8 @@ impl<'a> Team<'a> {
         let mut send_again = start + SEND_AGAIN;
         while self.answered.contains(&false) {
             let deadline = start + self.patience;
-            let next = self.seats.next_loss(GRACE).map_or(send_again.min(deadline), |loss| loss.min(send_again));
+            let next =
+                self.seats.next_loss(GRACE).map_or(send_again.min(deadline), |loss| loss.min(send_again));
             match self.events.recv_timeout(next.saturating_duration_since(Instant::now())) {
                 Ok(Event::Message { key, payload }) => match self.keys.parse(&key) {
                     Some(Key::Act(agent)) => self.hear(agent, &payload, id, copies),
@@ -233,7 +237,8 @@ impl<'a> Team<'a> {
 
     fn is_silent(&self, id: TickId) -> Failure {
         let silent = (0..self.answered.len()).filter(|&agent| !self.answered[agent]).map(|agent| {
-            let complaint = self.complaints[agent].as_ref().map(|text| format!(" (last ignored answer: {text})"));
+            let complaint =
+                self.complaints[agent].as_ref().map(|text| format!(" (last ignored answer: {text})"));
             format!("agent {agent}{}", complaint.unwrap_or_default())
         });
         let silent: Vec<_> = silent.collect();

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use store::{Checkpoint, MetricsWriter, Position, RoleFolder, Row};
 
 use crate::convert::Copies;
-use crate::record::{Display, Edge, Report, Unlogged};
+use crate::record::{Display, Edge, Report, Seconds, Unlogged};
 use crate::round::{Interrupted, Team, GRACE};
 use crate::seats::Seats;
 
@@ -70,8 +70,9 @@ pub fn run(
     let round = seats.common_round();
     let (mut edge, mut epoch, mut position) = (Edge::default(), 0, Position::START);
     if round > 0 {
-        let saved: Saved = serde_json::from_slice(&checkpoints.load(round)?.state)
-            .map_err(|e| Failure::new(exit::CONFIG, format!("the checkpoint of round {round} cannot be used: {e}")))?;
+        let saved: Saved = serde_json::from_slice(&checkpoints.load(round)?.state).map_err(|e| {
+            Failure::new(exit::CONFIG, format!("the checkpoint of round {round} cannot be used: {e}"))
+        })?;
         (edge, epoch, position) = (saved.edge, saved.epoch + 1, saved.metrics);
     }
     checkpoints.discard_after(round)?;
@@ -113,7 +114,8 @@ fn checked_task(config: &Config) -> Result<envs::Task, Failure> {
     let task = envs::task(&config.world.task).map_err(|error| Failure::new(exit::CONFIG, error))?;
     let agents = task.sizes().agents;
     if agents != config.world.agents as usize {
-        let text = format!("`world.agents` is {}, but {} has {agents}", config.world.agents, config.world.task);
+        let text =
+            format!("`world.agents` is {}, but {} has {agents}", config.world.agents, config.world.task);
         return Err(Failure::new(exit::CONFIG, text));
     }
     Ok(task)
@@ -147,7 +149,10 @@ fn take_in(
             }
             Ok(Event::Message { .. }) => {}
             Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => {
-                return Err(Failure::new(exit::AGAIN, format!("run `{run}` was stopped before everybody had joined")));
+                return Err(Failure::new(
+                    exit::AGAIN,
+                    format!("run `{run}` was stopped before everybody had joined"),
+                ));
             }
             Err(RecvTimeoutError::Timeout) => return Err(did_not_join(seats, missing, keys, run, wait)),
         }
@@ -159,7 +164,13 @@ fn take_in(
     Ok(())
 }
 
-fn did_not_join(seats: &Seats, missing: fn(&Seats) -> Vec<usize>, keys: &Keys, run: &str, wait: Duration) -> Failure {
+fn did_not_join(
+    seats: &Seats,
+    missing: fn(&Seats) -> Vec<usize>,
+    keys: &Keys,
+    run: &str,
+    wait: Duration,
+) -> Failure {
     let missing = missing(seats);
     let list = |ids: &[usize]| ids.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
     let here: Vec<usize> = (0..seats.team_size()).filter(|id| !missing.contains(id)).collect();
@@ -247,7 +258,7 @@ impl Server<'_> {
         if let Some(row) = self.edge.training_row(self.config.log.interval) {
             self.write(&row)?;
         }
-        if self.edge.round % self.config.save.interval == 0 {
+        if self.edge.round.is_multiple_of(self.config.save.interval) {
             self.save()?;
         }
         self.display.show(&self.edge, false);
@@ -259,8 +270,10 @@ impl Server<'_> {
         let start = Instant::now();
         let id = TickId { epoch: self.epoch, round: self.edge.round, mode: Mode::Test, tick: 0 };
         self.team.play(&mut self.testing, id, self.edge.t_env, self.config.seed)?;
-        self.team.seconds = before;
-        self.team.seconds.tests += start.elapsed().as_secs_f64();
+        // The wait at its tick 0 is for the update calls; all the rest is the test's.
+        let updates = self.team.seconds.updates;
+        self.team.seconds = Seconds { updates, ..before };
+        self.team.seconds.tests += start.elapsed().as_secs_f64() - (updates - before.updates);
         let mut test = Unlogged::default();
         test.add(self.testing.played());
         let row = self.edge.test_row(&test);
@@ -302,6 +315,7 @@ impl Server<'_> {
             best_test_return_mean: self.edge.best_test_return_mean,
             seconds: self.team.seconds,
             ignored_messages: self.team.ignored,
+            peak_memory_bytes: process::peak_memory_bytes(),
             traffic: bus.traffic().into_iter().map(|t| (t.key, t.messages, t.bytes)).collect(),
         })?;
         Ok(())

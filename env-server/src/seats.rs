@@ -163,7 +163,8 @@ mod tests {
         let config = config("test", "any", theirs.len() as u32, AlgoName::Ippo, Family::Lbf);
         let mut seats = Seats::new(&config, own.to_vec());
         for (id, rounds) in theirs.iter().enumerate() {
-            let join = Join { config_digest: config.digest(), nonce: id as u64, checkpoints: rounds.to_vec() };
+            let join =
+                Join { config_digest: config.digest(), nonce: id as u64, checkpoints: rounds.to_vec() };
             seats.admit(id as u32, &encode(&join).expect("fits")).expect("admitted");
         }
         seats
@@ -193,6 +194,12 @@ mod tests {
         assert!(matches!(seats.admit(0, &[1, 3, 255]), Err(Refusal::Malformed(_))));
         assert!(matches!(seats.admit(0, &[9, 3, 255]), Err(Refusal::Version { theirs: 9, .. })));
         seats.close();
-        assert_eq!(seats.admit(0, &encode(&Join { config_digest: digest, nonce: 0, checkpoints: vec![] }).expect("fits")), Err(Refusal::Closing));
+        assert_eq!(
+            seats.admit(
+                0,
+                &encode(&Join { config_digest: digest, nonce: 0, checkpoints: vec![] }).expect("fits")
+            ),
+            Err(Refusal::Closing)
+        );
     }
 }

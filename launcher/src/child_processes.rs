@@ -24,6 +24,9 @@ use crate::drive::{Ended, News, Roles, Transport};
 /// How many of a child's last lines are worth telling.
 const LAST_WORDS: usize = 8;
 
+/// How the line begins with which a child reports why it ends ([`process::report`]).
+const REPORT: &str = "error: ";
+
 /// A child that was asked to leave and does not is killed after this time.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
@@ -33,7 +36,7 @@ const LONGEST_SOCKET_FOLDER: usize = 80;
 /// The children of this process.
 pub struct ChildProcesses {
     children: Vec<RunningChild>,
-    /// Dropping it undeclares the monitor's subscriptions.
+    /// Hears the scalars for as long as it is kept.
     _monitor: Arc<dyn bus::Bus>,
     _sockets: Option<TempDir>,
     stops: u32,
@@ -68,7 +71,7 @@ impl ChildProcesses {
             low_latency: config.bus.low_latency,
             ..bus::Options::default()
         })?;
-        listen(monitor.clone(), config, news.clone())?;
+        listen(&*monitor, config, news.clone())?;
         let mut common: Vec<String> = vec![
             format!("--config={}", folder.path().join("config.toml").display()),
             format!("--out={}", folder.path().display()),
@@ -129,7 +132,7 @@ impl ChildProcesses {
             thread::spawn(move || tell_endpoints(stdout, listening));
         }
         thread::spawn(move || {
-            let result = outlive(&mut child, &name, &ended);
+            let result = outlive(&mut child, &name, &ended, &news);
             let _ = news.send(News::Ended { role: name, result });
         });
         Ok(())
@@ -169,11 +172,20 @@ fn tell_endpoints(stdout: impl Read, listening: Option<Sender<String>>) {
     }
 }
 
-/// Waits for a child to end; keeps its last words.
-fn outlive(child: &mut Child, name: &str, ended: &Mutex<bool>) -> Result<Ended, Failure> {
-    let mut last_words = VecDeque::new();
+/// Waits for a child to end. Passes on what it says meanwhile, and keeps its last words: from the line on
+/// with which it reports why it ends, or the last few of a child that was given no time for that.
+fn outlive(child: &mut Child, name: &str, ended: &Mutex<bool>, news: &Sender<News>) -> Result<Ended, Failure> {
+    let (mut last_words, mut reports) = (VecDeque::new(), false);
     if let Some(stderr) = child.stderr.take() {
         for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+            if !reports && line.starts_with(REPORT) {
+                reports = true;
+                last_words.clear();
+            }
+            if !reports {
+                // Nobody listens any more only when the run is abandoned.
+                let _ = news.send(News::Said { role: name.to_owned(), line: line.clone() });
+            }
             last_words.push_back(line);
             if last_words.len() > LAST_WORDS {
                 last_words.pop_front();
@@ -193,28 +205,30 @@ fn outlive(child: &mut Child, name: &str, ended: &Mutex<bool>) -> Result<Ended, 
         status
     };
     match status {
-        Ok(Some(status)) => verdict(status, name, &last_words),
+        Ok(Some(status)) => verdict(status, reports, &last_words),
         Ok(None) => unreachable!("the loop ends when there is a status"),
         Err(error) => Err(Failure::new(exit::BUG, format!("cannot wait for {name}: {error}"))),
     }
 }
 
-fn verdict(status: ExitStatus, name: &str, last_words: &VecDeque<String>) -> Result<Ended, Failure> {
+fn verdict(status: ExitStatus, reports: bool, last_words: &VecDeque<String>) -> Result<Ended, Failure> {
     let words: Vec<&str> = last_words.iter().map(String::as_str).collect();
     let words = words.join("\n");
     match (status.code(), status.signal()) {
         (Some(0), _) => Ok(Ended::Finished),
         // Asked to stop, and did.
-        (Some(code), _) if code == i32::from(exit::AGAIN) && words.is_empty() => Ok(Ended::Stopped),
+        (Some(code), _) if code == i32::from(exit::AGAIN) && !reports => Ok(Ended::Stopped),
         (Some(code), _) => {
-            let words = words.strip_prefix("error: ").unwrap_or(&words);
+            let words = words.strip_prefix(REPORT).unwrap_or(&words);
             let code = u8::try_from(code).unwrap_or(exit::BUG);
-            Err(Failure::new(code, if words.is_empty() { format!("ended with exit code {code}") } else { words.to_owned() }))
+            Err(Failure::new(
+                code,
+                if words.is_empty() { format!("ended with exit code {code}") } else { words.to_owned() },
+            ))
         }
         (None, signal) => {
             let signal = signal.and_then(|s| Signal::try_from(s).ok()).map_or("a signal", Signal::as_str);
             let words = if words.is_empty() { String::new() } else { format!("; its last words:\n{words}") };
-            let _ = name;
             Err(Failure::new(exit::AGAIN, format!("was ended by {signal}{words}")))
         }
     }

@@ -2,7 +2,6 @@
 
 use std::io::IsTerminal;
 use std::sync::mpsc::{channel, Sender};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bus::{Bus, Event};
@@ -19,11 +18,11 @@ use crate::drive::News;
 /// Between plain lines, when there is no new test result.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
-/// Passes on the scalars that roles publish, for as long as `bus` lives.
+/// Passes on the scalars that roles publish, for as long as the caller keeps `bus`.
 ///
 /// # Errors
 /// If the bus refuses the subscriptions.
-pub fn listen(bus: Arc<dyn Bus>, config: &Config, news: Sender<News>) -> Result<(), Failure> {
+pub fn listen(bus: &dyn Bus, config: &Config, news: Sender<News>) -> Result<(), Failure> {
     let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
     let (inbox, events) = channel();
     let guards = [
@@ -31,8 +30,7 @@ pub fn listen(bus: Arc<dyn Bus>, config: &Config, news: Sender<News>) -> Result<
         bus.subscribe(&keys.world_metrics(), inbox)?,
     ];
     std::thread::spawn(move || {
-        let _kept = (guards, Arc::downgrade(&bus));
-        drop(bus);
+        let _kept = guards;
         while let Ok(event) = events.recv() {
             let Event::Message { key, payload } = event else { continue };
             let agent = match keys.parse(&key) {
@@ -70,9 +68,12 @@ impl Display {
     pub fn new(config: &Config, quiet: bool) -> Self {
         let live = !quiet && std::io::stderr().is_terminal();
         let bar = live.then(|| {
-            let bar = ProgressBar::with_draw_target(Some(config.t_max), ProgressDrawTarget::stderr_with_hz(8));
+            let bar =
+                ProgressBar::with_draw_target(Some(config.t_max), ProgressDrawTarget::stderr_with_hz(8));
             let template = "{prefix:.bold} {wide_bar} {percent:>3} %\n{msg}";
-            bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar.set_style(
+                ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
+            );
             bar.set_prefix(format!("{} · {} · seed {}", config.world.task, config.algo.name, config.seed));
             bar
         });
@@ -191,7 +192,7 @@ pub fn thousands(n: u64) -> String {
     let digits = n.to_string();
     let mut out = String::new();
     for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i) % 3 == 0 {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
             out.push(',');
         }
         out.push(digit);

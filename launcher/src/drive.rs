@@ -48,6 +48,8 @@ pub enum Ended {
 pub enum News {
     /// Scalars for the display; `agent` is none for the env-server.
     Scalars { agent: Option<u32>, metrics: Metrics },
+    /// A role has said something for people, such as a warning.
+    Said { role: String, line: String },
     /// A role has ended, well or with its exit code and last words.
     Ended { role: String, result: Result<Ended, Failure> },
     /// A signal for this process.
@@ -131,6 +133,7 @@ fn follow(
         };
         match news.recv_timeout(wait) {
             Ok(News::Scalars { agent, metrics }) => display.hear(agent, &metrics),
+            Ok(News::Said { role, line }) => display.say(&format!("{role}: {line}")),
             Ok(News::Ended { role, result }) => {
                 left -= 1;
                 match result {

@@ -8,8 +8,8 @@ use proto::{exit, Observe};
 /// The task that `rondo train` takes when it is given none: small enough to watch it being learned.
 pub const DEFAULT_TASK: &str = "lbf-5x5-2p-1f";
 
-/// Environment steps without `--paper` or `--t-max`: about a minute on two cores.
-const DEFAULT_BUDGET: u64 = 500_000;
+/// Environment steps without `--paper` or `--t-max`: half a minute on two cores.
+const DEFAULT_BUDGET: u64 = 200_000;
 
 /// Tests per run without `--test-interval`, besides the first.
 const DEFAULT_TESTS: u64 = 20;
@@ -24,10 +24,10 @@ pub struct Experiment {
     #[arg(long, default_value = "mtppo")]
     pub algo: String,
     /// Learning rate of the agent whose turn it is
-    #[arg(long, value_name = "RATE")]
+    #[arg(long, value_name = "RATE", allow_negative_numbers = true)]
     pub lr_fast: Option<f64>,
     /// Learning rate of the other agents
-    #[arg(long, value_name = "RATE")]
+    #[arg(long, value_name = "RATE", allow_negative_numbers = true)]
     pub lr_slow: Option<f64>,
     /// Update calls until the turn goes to the next agent, or `inf`
     #[arg(long, value_name = "S")]
@@ -154,7 +154,8 @@ fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure> {
 fn with_transport(mut config: Config, task: &envs::Task) -> Config {
     let rows = config.world.copies.max(config.test.episodes) as usize;
     let sizes = task.sizes();
-    let largest = (0..sizes.agents).map(|i| Observe::encoded_len(rows, sizes.obs_size[i], sizes.n_actions[i])).max();
+    let largest =
+        (0..sizes.agents).map(|i| Observe::encoded_len(rows, sizes.obs_size[i], sizes.n_actions[i])).max();
     config.bus.low_latency = largest.is_some_and(|bytes| bytes <= bus::LOW_LATENCY_MAX_BYTES);
     config
 }

@@ -15,6 +15,8 @@ use crate::drive::{Ended, News, Roles};
 
 /// Roles running as threads.
 pub struct InProcess {
+    /// Hears the scalars for as long as it is kept.
+    _monitor: Arc<dyn Bus>,
     world: Inbox,
     others: Vec<Inbox>,
     threads: Vec<JoinHandle<()>>,
@@ -26,10 +28,17 @@ impl InProcess {
     ///
     /// # Errors
     /// If a role's folder cannot be made.
-    pub fn start(folder: &RunFolder, config: &Config, wait: Duration, news: &Sender<News>) -> Result<Self, Failure> {
+    pub fn start(
+        folder: &RunFolder,
+        config: &Config,
+        wait: Duration,
+        news: &Sender<News>,
+    ) -> Result<Self, Failure> {
         let hub = bus::memory();
-        listen(hub.connect(), config, news.clone())?;
-        let mut roles = Self { world: channel().0, others: vec![], threads: vec![], stops: 0 };
+        let monitor = hub.connect();
+        listen(&*monitor, config, news.clone())?;
+        let mut roles =
+            Self { _monitor: monitor, world: channel().0, others: vec![], threads: vec![], stops: 0 };
         let mut begin = |name: String, role: Box<Role>| -> Result<Inbox, Failure> {
             let (inbox, events) = channel();
             let (bus, folder, config) = (hub.connect(), folder.role(&name)?, config.clone());

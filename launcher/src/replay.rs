@@ -23,7 +23,9 @@ impl Replay {
         let mut worst = exit::DONE;
         for path in &self.files {
             let name = path.display().to_string();
-            match open(path).and_then(|lines| envs::replay::replay(lines, &name).map_err(|e| Failure::new(exit::CONFIG, e))) {
+            match open(path).and_then(|lines| {
+                envs::replay::replay(lines, &name).map_err(|e| Failure::new(exit::CONFIG, e))
+            }) {
                 Ok(report) => {
                     println!("{name}: {report}");
                     if report.mismatches > 0 {

@@ -61,7 +61,8 @@ pub fn collect(folder: &RunFolder, config: &Config, wall: Duration) -> Result<Su
         let text = format!("the env-server has left no result in {}", folder.path().display());
         Failure::new(exit::BUG, text)
     })?;
-    let seconds = world["seconds"]["total"].as_f64().unwrap_or(0.0) - world["seconds"]["tests"].as_f64().unwrap_or(0.0);
+    let seconds =
+        world["seconds"]["total"].as_f64().unwrap_or(0.0) - world["seconds"]["tests"].as_f64().unwrap_or(0.0);
     let steps = world["steps_played"].as_u64().unwrap_or(0);
     Ok(Summary {
         rondo_version: env!("CARGO_PKG_VERSION"),
@@ -85,7 +86,12 @@ impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.4}"));
         writeln!(f, "{} · {} · seed {}", self.task, self.algo, self.seed)?;
-        writeln!(f, "  test return      {} (best {})", number(self.test_return_mean), number(self.best_test_return_mean))?;
+        writeln!(
+            f,
+            "  test return      {} (best {})",
+            number(self.test_return_mean),
+            number(self.best_test_return_mean)
+        )?;
         writeln!(
             f,
             "  environment      {} steps, {} per second, {} update calls",

@@ -23,7 +23,8 @@ pub fn run(train: &Train, out: &Path) -> Result<ExitCode, Failure> {
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone()).map_err(io)?;
     }
-    let mut waiting: Vec<u64> = (0..u64::from(train.seeds)).map(|k| train.experiment.seed + k).rev().collect();
+    let mut waiting: Vec<u64> =
+        (0..u64::from(train.seeds)).map(|k| train.experiment.seed + k).rev().collect();
     let mut running: Vec<(u64, Child)> = Vec::new();
     let mut worst = exit::DONE;
     loop {

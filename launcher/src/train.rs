@@ -144,5 +144,9 @@ pub fn run_name(out: &Path) -> String {
     let name = out.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let allowed = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
     let name: String = name.chars().map(|c| if allowed(c) { c } else { '-' }).take(60).collect();
-    if name.starts_with(|c: char| c.is_ascii_alphanumeric()) { name } else { format!("run{name}") }
+    if name.starts_with(|c: char| c.is_ascii_alphanumeric()) {
+        name
+    } else {
+        format!("run{name}")
+    }
 }

@@ -85,7 +85,9 @@ pub fn exit_on_panic() {
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         tell(panic);
-        eprintln!("error: this is a bug in rondo; the last checkpoint is intact, `rondo resume` goes on from it");
+        eprintln!(
+            "error: this is a bug in rondo; the last checkpoint is intact, `rondo resume` goes on from it"
+        );
         std::process::exit(exit::BUG.into());
     }));
 }

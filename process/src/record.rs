@@ -13,8 +13,9 @@ use crate::Failure;
 
 /// Appends one JSON line for each record: `{"op", "key", "bytes", "hex"}`; declarations have no bytes.
 pub(crate) fn record_to(bus: Arc<dyn Bus>, path: &Path) -> Result<Arc<dyn Bus>, Failure> {
-    let file = File::create(path)
-        .map_err(|error| Failure::new(exit::IO, format!("cannot create the record {}: {error}", path.display())))?;
+    let file = File::create(path).map_err(|error| {
+        Failure::new(exit::IO, format!("cannot create the record {}: {error}", path.display()))
+    })?;
     let file = Mutex::new(file);
     Ok(bus::recorded(
         bus,

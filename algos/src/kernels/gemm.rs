@@ -93,7 +93,13 @@ fn multiply(out: &mut [f32], a: Matrix, b: Matrix, accumulate: bool) {
 mod tests {
     use super::*;
 
-    fn plain(a: impl Fn(usize, usize) -> f32, b: impl Fn(usize, usize) -> f32, m: usize, n: usize, k: usize) -> Vec<f32> {
+    fn plain(
+        a: impl Fn(usize, usize) -> f32,
+        b: impl Fn(usize, usize) -> f32,
+        m: usize,
+        n: usize,
+        k: usize,
+    ) -> Vec<f32> {
         let mut out = vec![0.0; m * n];
         for i in 0..m {
             for j in 0..n {

@@ -132,11 +132,11 @@ impl Gru<'_> {
             let rows = gx.chunks_exact(3 * hidden).zip(gh.chunks_exact(3 * hidden));
             for ((gx, gh), h) in rows.zip(h.chunks_exact_mut(hidden)) {
                 let (gx, gh) = (Gates::of(gx), Gates::of(gh));
-                for j in 0..hidden {
+                for (j, h) in h.iter_mut().enumerate() {
                     let r = sigmoid(gx.r[j] + gh.r[j]);
                     let z = sigmoid(gx.z[j] + gh.z[j]);
                     let c = tanh(gx.c[j] + r * gh.c[j]);
-                    h[j] = (1.0 - z) * c + z * h[j];
+                    *h = (1.0 - z) * c + z * *h;
                 }
             }
         });
@@ -274,9 +274,17 @@ fn gates_forward(
 
 /// `carry` comes as the gradient from step `t + 1` and leaves as the part `dh ⊙ z` of the one for
 /// `t − 1`. `gx` is overwritten by its gradient; `gh` holds `h W_h + b_h` and is overwritten too.
-fn gates_backward(hidden: usize, forward: &Forward, dh: &[f32], carry: &mut [f32], gx: &mut [f32], gh: &mut [f32]) {
+fn gates_backward(
+    hidden: usize,
+    forward: &Forward,
+    dh: &[f32],
+    carry: &mut [f32],
+    gx: &mut [f32],
+    gh: &mut [f32],
+) {
     vectorized(|| {
-        for (i, (gx, gh)) in gx.chunks_exact_mut(3 * hidden).zip(gh.chunks_exact_mut(3 * hidden)).enumerate() {
+        for (i, (gx, gh)) in gx.chunks_exact_mut(3 * hidden).zip(gh.chunks_exact_mut(3 * hidden)).enumerate()
+        {
             let row = i * hidden..(i + 1) * hidden;
             let (r, z) = (&forward.r[row.clone()], &forward.z[row.clone()]);
             let (c, h_prev) = (&forward.c[row.clone()], &forward.h_prev[row.clone()]);

@@ -103,8 +103,8 @@ impl Batch {
                 time_limit,
             };
             n_step_returns(&episode, n, gamma, rule, &mut of_episode);
-            for t in 0..length {
-                self.returns[self.steps.offset(t) + k] = of_episode[t];
+            for (t, &g) in of_episode[..length].iter().enumerate() {
+                self.returns[self.steps.offset(t) + k] = g;
             }
         }
     }
