@@ -5,7 +5,8 @@ use crate::{Sizes, World};
 
 /// The foraging tasks that [`tasks`] lists: those of the multi-timescale study, then the rest of the usual
 /// benchmark.
-const FORAGING: [&str; 7] = [
+const FORAGING: [&str; 8] = [
+    "lbf-5x5-2p-1f",
     "lbf-8x8-2p-2f-coop",
     "lbf-10x10-3p-3f",
     "lbf-15x15-4p-3f",
@@ -44,8 +45,8 @@ pub struct TaskInfo {
 pub enum UnknownTask {
     #[error("there is no task `{name}`; the nearest known one is `{nearest}`")]
     NoSuchTask { name: String, nearest: &'static str },
-    #[error("there is no task `{name}`: {why}")]
-    BadName { name: String, why: String },
+    #[error("there is no task `{name}`: {why}; the nearest known one is `{nearest}`")]
+    BadName { name: String, why: String, nearest: &'static str },
     #[error("task `{name}` cannot be played: {why}")]
     Impossible { name: String, why: Impossible },
     #[error("task `{name}` has no rules `{found}`; there are {known}")]
@@ -57,7 +58,9 @@ pub fn task(name: &str) -> Result<Task, UnknownTask> {
     match lbf::parse(name) {
         Some(Ok(config)) => Task::foraging(config),
         Some(Err(NameError::Impossible(why))) => Err(UnknownTask::Impossible { name: name.to_owned(), why }),
-        Some(Err(why)) => Err(UnknownTask::BadName { name: name.to_owned(), why: why.to_string() }),
+        Some(Err(why)) => {
+            Err(UnknownTask::BadName { name: name.to_owned(), why: why.to_string(), nearest: nearest(name) })
+        }
         None => Err(UnknownTask::NoSuchTask { name: name.to_owned(), nearest: nearest(name) }),
     }
 }
@@ -74,8 +77,10 @@ pub fn tasks() -> Vec<TaskInfo> {
 
 fn nearest(name: &str) -> &'static str {
     let name = name.to_ascii_lowercase();
-    let distance = |known: &&str| strsim::damerau_levenshtein(known, &name);
-    FORAGING.into_iter().min_by_key(distance).expect("the list is not empty")
+    // Favours a common beginning: the size of the world comes first in a name.
+    let likeness = |known: &str| strsim::jaro_winkler(known, &name);
+    let more_alike = |a: &&str, b: &&str| likeness(a).total_cmp(&likeness(b));
+    FORAGING.into_iter().max_by(more_alike).expect("the list is not empty")
 }
 
 impl Task {
@@ -196,7 +201,8 @@ mod tests {
         assert_eq!(
             refusal("lbf-8x8-2p-2"),
             format!(
-                "there is no task `lbf-8x8-2p-2`: expected a number of foods such as `2f`, found `2`; the form is {}",
+                "there is no task `lbf-8x8-2p-2`: expected a number of foods such as `2f`, found `2`; the form is \
+                 {}; the nearest known one is `lbf-8x8-2p-2f-coop`",
                 lbf::FORM
             )
         );

@@ -96,10 +96,10 @@ struct HeaderStart {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Report { task, episodes, steps, mismatches, .. } = self;
-        write!(f, "{task}: {episodes} episodes, {steps} steps, ")?;
+        write!(f, "{task}: {episodes} episodes, {steps} steps, {mismatches} mismatches")?;
         match &self.first {
-            None => write!(f, "all exact"),
-            Some(first) => write!(f, "{mismatches} mismatches; the first: {first}"),
+            None => Ok(()),
+            Some(first) => write!(f, "; the first: {first}"),
         }
     }
 }
