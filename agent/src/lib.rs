@@ -1,7 +1,7 @@
 //! Role: one learner; its experience and weights stay in its process.
 //!
-//! It joins a run ([`join`]), answers every tick with actions, learns once per round with the rate that
-//! the schedule gives it ([`timetable`]), saves and reports. It publishes actions, progress and scalars,
+//! It joins a run (`join`), answers every tick with actions, learns once per round with the rate that
+//! the schedule gives it (`timetable`), saves and reports. It publishes actions, progress and scalars,
 //! and nothing else.
 //!
 //! Its state changes only at round edges, in the update call: whenever it has to leave, what it saves is

@@ -1,17 +1,12 @@
 //! What an agent tells people about its learning: metric rows for the record, scalars for a live display,
 //! and where its time went.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use algos::ppo::UpdateStats;
-use bus::Publisher;
-use proto::codec::encode;
 use proto::control::{Metrics, Rates};
 use serde::{Deserialize, Serialize};
 use store::Row;
-
-/// A display gains nothing from more than this.
-const BETWEEN_SCALARS: Duration = Duration::from_millis(100);
 
 /// Sums over the update calls that no metric row covers yet; part of a checkpoint, so that rows are the
 /// same whether or not a run was interrupted.
@@ -68,29 +63,11 @@ impl Unlogged {
     }
 }
 
-/// Publishes scalars for whoever looks, at a rate a person can follow.
-pub struct Display {
-    publisher: Publisher,
-    next: Instant,
-}
-
-impl Display {
-    pub fn new(publisher: Publisher) -> Self {
-        Self { publisher, next: Instant::now() }
-    }
-
-    pub fn show(&mut self, stats: &UpdateStats, lr: f64, rates: &Rates, t_env: u64, update_calls: u64) {
-        if Instant::now() < self.next {
-            return;
-        }
-        self.next = Instant::now() + BETWEEN_SCALARS;
-        let mut named: Vec<_> = scalars(stats, lr).map(|(name, value)| (name.to_owned(), value)).into();
-        named.push(("fast_agent".to_owned(), f64::from(rates.fast_agent)));
-        let message = Metrics { t_env, update_calls, scalars: named };
-        // Best effort: nobody may be looking, and nothing depends on it.
-        let sent = encode(&message).map(|bytes| self.publisher.send(&bytes));
-        tracing::trace!(?sent, "scalars");
-    }
+/// The scalars of an update call for a display.
+pub fn metrics(stats: &UpdateStats, lr: f64, rates: &Rates, t_env: u64, update_calls: u64) -> Metrics {
+    let mut named: Vec<_> = scalars(stats, lr).map(|(name, value)| (name.to_owned(), value)).into();
+    named.push(("fast_agent".to_owned(), f64::from(rates.fast_agent)));
+    Metrics { t_env, update_calls, scalars: named }
 }
 
 /// Wall time of this process by what it did; reported, never decided upon.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bus::{Bus, Event, Inbox, Publisher};
-use process::Failure;
+use process::{Failure, Scalars};
 use proto::codec::{decode, encode};
 use proto::config::Config;
 use proto::control::{Join, Progress, Rates, RatesQuery, Seat};
@@ -20,7 +20,7 @@ use store::{MetricsWriter, Position, RoleFolder};
 
 use crate::join::take_seat;
 use crate::learner::{owner, Learner};
-use crate::progress::{timed, Display, Seconds, Unlogged};
+use crate::progress::{metrics, timed, Seconds, Unlogged};
 use crate::timetable::Timetable;
 
 /// An env-server that is gone may come back, for example after a network's hiccup; after this long the
@@ -105,7 +105,7 @@ struct Agent<'a> {
     saved: Option<u64>,
     act: Publisher,
     progress: Publisher,
-    display: Display,
+    display: Scalars,
     seconds: Seconds,
     ignored: u64,
     round: Round,
@@ -142,7 +142,7 @@ impl<'a> Agent<'a> {
         Ok(Self {
             act: bus.publisher(&keys.act(id))?,
             progress: bus.publisher(&keys.progress(id))?,
-            display: Display::new(bus.best_effort_publisher(&keys.agent_metrics(id))?),
+            display: Scalars::new(bus.best_effort_publisher(&keys.agent_metrics(id))?),
             metrics: folder.metrics(position)?,
             saved: (seat.round > 0).then_some(seat.round),
             bus,
@@ -320,7 +320,7 @@ impl<'a> Agent<'a> {
         let update_calls = self.learner.update_calls();
         let told = encode(&Progress { update_calls }).map_err(|error| Failure::new(exit::BUG, error))?;
         self.progress.send(&told)?;
-        self.display.show(&stats, lr, &rates, t_env, update_calls);
+        self.display.show(false, || metrics(&stats, lr, &rates, t_env, update_calls));
         self.timetable.forget_before(update_calls);
         if let Some(row) = self.unlogged.add(&stats, lr, t_env, update_calls, self.config.log.interval) {
             let mut disk = 0.0;

@@ -60,8 +60,7 @@ impl Endpoint {
         match self {
             Self::Unix(path) => {
                 if UnixStream::connect(path).is_ok() {
-                    let hint = "another process of this run is alive; stop it, or choose another run folder";
-                    return Err(Error::InUse { endpoint: self.to_string(), hint });
+                    return Err(self.in_use());
                 }
                 let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
                 match folder.map(std::fs::metadata) {
@@ -71,14 +70,21 @@ impl Endpoint {
             }
             Self::Tcp { host, .. } => match TcpListener::bind(self.address()).and_then(|l| l.local_addr()) {
                 Ok(bound) => Ok(Self::Tcp { host: host.clone(), port: bound.port() }),
-                Err(error) if error.kind() == io::ErrorKind::AddrInUse => {
-                    let hint =
-                        "stop the process that listens there, choose another port, or port 0 for a free one";
-                    Err(Error::InUse { endpoint: self.to_string(), hint })
-                }
+                Err(error) if error.kind() == io::ErrorKind::AddrInUse => Err(self.in_use()),
                 Err(error) => Err(self.cannot_listen(&error)),
             },
         }
+    }
+
+    /// Somebody else has it.
+    pub(crate) fn in_use(&self) -> Error {
+        let hint = match self {
+            Self::Unix(_) => "another process of this run is alive; stop it, or choose another run folder",
+            Self::Tcp { .. } => {
+                "stop the process that listens there, choose another port, or port 0 for a free one"
+            }
+        };
+        Error::InUse { endpoint: self.to_string(), hint }
     }
 
     /// Whether anybody accepts connections here.

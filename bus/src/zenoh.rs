@@ -18,6 +18,13 @@ use crate::{key, Bus, Error, Event, Guard, Inbox, Options, Publisher, Query, LOW
 /// Any question is over after this; keeps sums of instants in range.
 const LONGEST_QUESTION: Duration = Duration::from_secs(24 * 3600);
 
+/// A Unix socket whose process has been killed is free again within milliseconds. Who holds it longer than
+/// this has not been killed.
+const STILL_ENDING: Duration = Duration::from_secs(3);
+
+/// Between two attempts to take such a socket over.
+const LOOK_AGAIN: Duration = Duration::from_millis(20);
+
 /// Attempts to listen on a port given as 0, in case that the free port found is taken before zenoh has it.
 const PORT_ATTEMPTS: usize = 5;
 
@@ -46,7 +53,6 @@ pub fn open(options: &Options) -> Result<Arc<dyn Bus>, Error> {
     let any_port = wanted.iter().any(|endpoint| matches!(endpoint, Endpoint::Tcp { port: 0, .. }));
     let mut attempts = if any_port { PORT_ATTEMPTS } else { 1 };
     loop {
-        attempts -= 1;
         let listen = wanted.iter().map(Endpoint::ready_to_listen).collect::<Result<Vec<_>, _>>()?;
         let remaining = options.connect_timeout.saturating_sub(start.elapsed());
         match ::zenoh::open(config(options, &listen, remaining)?).wait() {
@@ -62,10 +68,29 @@ pub fn open(options: &Options) -> Result<Arc<dyn Bus>, Error> {
             Err(_) if !needed.is_empty() && start.elapsed() >= options.connect_timeout => {
                 return Err(unreachable(&needed, start.elapsed()));
             }
-            Err(error) if attempts == 0 => return Err(failed("open a session", &*error)),
-            Err(_) => (),
+            Err(error) => match locked(&listen, &*error) {
+                Some(_) if start.elapsed() < STILL_ENDING => std::thread::sleep(LOOK_AGAIN),
+                Some(endpoint) => return Err(endpoint.in_use()),
+                None => {
+                    attempts -= 1;
+                    if attempts == 0 {
+                        return Err(failed("open a session", &*error));
+                    }
+                }
+            },
         }
     }
+}
+
+/// The endpoint whose lock zenoh could not take. Nobody accepts connections there any more, but the process
+/// that did so, or a child of it that has inherited the lock, is not quite gone.
+fn locked<'a>(listen: &'a [Endpoint], error: &(dyn std::error::Error + Send + Sync)) -> Option<&'a Endpoint> {
+    let text = error.to_string();
+    let held = |endpoint: &&Endpoint| {
+        matches!(endpoint, Endpoint::Unix(path)
+            if text.contains(&format!(" on {} - Unable to acquire lock", path.display())))
+    };
+    listen.iter().find(held)
 }
 
 /// Names the endpoints that accept no connection; when all do, none of them spoke zenoh in time.

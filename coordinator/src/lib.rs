@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use bus::{Bus, Event, Inbox};
 use process::Failure;
-use proto::codec::{decode, encode};
+use proto::codec::{decode, encode, WireError};
 use proto::config::Config;
 use proto::control::{Progress, Rates, RatesQuery};
 use proto::exit;
@@ -75,7 +75,8 @@ pub fn run(
     let _token = bus.announce(&keys.alive_coordinator())?;
 
     let mut team = Team::new(config.world.agents);
-    let mut published = 0;
+    // The furthest update call that anybody has come to, and the first that nobody has been told of.
+    let (mut foremost, mut published) = (0, 0);
     let deadline = Instant::now() + wait;
     while !team.has_left() {
         let event = if team.missing().is_empty() {
@@ -83,7 +84,7 @@ pub fn run(
         } else {
             events.recv_timeout(deadline.saturating_duration_since(Instant::now()))
         };
-        let foremost = match event {
+        let reached = match event {
             Ok(Event::Message { key, payload }) => match (keys.parse(&key), decode::<Progress>(&payload)) {
                 (Some(Key::Progress(_)), Ok(progress)) => Some(progress.update_calls),
                 (_, refused) => {
@@ -92,27 +93,45 @@ pub fn run(
                 }
             },
             Ok(Event::Query(query)) => match decode::<RatesQuery>(&query.payload) {
-                Ok(asked) => {
-                    query.reply(&message(config, asked.update_call)?.1);
-                    Some(asked.update_call)
-                }
+                Ok(asked) => match message(config, asked.update_call) {
+                    Ok((_, bytes)) => {
+                        query.reply(&bytes);
+                        Some(asked.update_call)
+                    }
+                    // The last number there is has no schedule after it; no run gets there.
+                    Err(error) => {
+                        tracing::warn!(key = %query.key, %error, "cannot answer a question about the schedule");
+                        None
+                    }
+                },
                 Err(error) => {
                     tracing::warn!(key = %query.key, %error, "ignored a question about the schedule");
                     None
                 }
             },
-            Ok(Event::Alive { key }) => keys.parse(&key).and_then(|key| team.came(&key)),
-            Ok(Event::Gone { key }) => keys.parse(&key).and_then(|key| team.went(&key)),
+            Ok(Event::Alive { key }) => keys.parse(&key).filter(|key| team.came(key)).map(|_| {
+                // The newcomer has heard nothing of what the others have been told.
+                published = foremost;
+                foremost
+            }),
+            Ok(Event::Gone { key }) => {
+                if let Some(key) = keys.parse(&key) {
+                    team.went(&key);
+                }
+                None
+            }
             Ok(Event::Stop) => break,
             Err(RecvTimeoutError::Timeout) => return Err(team.did_not_come(wait, &config.run)),
             Err(RecvTimeoutError::Disconnected) => break,
         };
-        if let Some(foremost) = foremost {
+        if let Some(reached) = reached {
             // A peer may claim any progress; what it gets is one message per claim beyond the next few.
+            foremost = foremost.max(reached);
             let until = foremost.saturating_add(AHEAD);
             published = published.max(foremost);
             while published < until && published != Rates::FOR_EVER {
-                let (next, message) = message(config, published)?;
+                let (next, message) =
+                    message(config, published).map_err(|error| Failure::new(exit::BUG, error))?;
                 publisher.send(&message)?;
                 published = next;
             }
@@ -124,10 +143,9 @@ pub fn run(
 }
 
 /// The schedule of an update call as it goes over the bus, and the first call that it does not cover.
-fn message(config: &Config, update_call: u64) -> Result<(u64, Vec<u8>), Failure> {
+fn message(config: &Config, update_call: u64) -> Result<(u64, Vec<u8>), WireError> {
     let rates = schedule::rates(config, update_call);
-    let bytes = encode(&rates).map_err(|error| Failure::new(exit::BUG, error))?;
-    Ok((rates.until, bytes))
+    Ok((rates.until, encode(&rates)?))
 }
 
 /// Who has been here and who still is.
@@ -148,18 +166,19 @@ impl Team {
         }
     }
 
-    /// The first thing a newcomer needs is what comes next from where the others are; nothing is known
-    /// yet of how far it is itself, so it counts as being at the start.
-    fn came(&mut self, key: &Key) -> Option<u64> {
-        let seat = self.seat(key)?;
-        (self.came[seat], self.present[seat]) = (true, true);
-        Some(0)
+    /// Whether the token is that of an agent of this team; it is here then.
+    fn came(&mut self, key: &Key) -> bool {
+        let seat = self.seat(key);
+        if let Some(seat) = seat {
+            (self.came[seat], self.present[seat]) = (true, true);
+        }
+        seat.is_some()
     }
 
-    fn went(&mut self, key: &Key) -> Option<u64> {
-        let seat = self.seat(key)?;
-        self.present[seat] = false;
-        None
+    fn went(&mut self, key: &Key) {
+        if let Some(seat) = self.seat(key) {
+            self.present[seat] = false;
+        }
     }
 
     fn missing(&self) -> Vec<usize> {

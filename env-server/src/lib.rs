@@ -1,7 +1,7 @@
 //! Role: steps one world; tells each agent what that agent sees, and nothing else.
 //!
-//! It is the run's clock: it waits until every seat is taken ([`seats`]), plays rounds ([`round`]), counts
-//! environment steps, orders tests and closes the run ([`run`]). It does not know what an algorithm is.
+//! It is the run's clock: it waits until every seat is taken (`seats`), plays rounds (`round`), counts
+//! environment steps, orders tests and closes the run (`run`). It does not know what an algorithm is.
 
 mod convert;
 mod record;

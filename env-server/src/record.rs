@@ -1,17 +1,10 @@
 //! What the env-server writes down: metric rows, its own checkpoints, a report, scalars for a display.
 
-use std::time::{Duration, Instant};
-
-use bus::Publisher;
-use proto::codec::encode;
 use proto::control::Metrics;
 use serde::{Deserialize, Serialize};
 use store::Row;
 
 use crate::convert::Played;
-
-/// A display gains nothing from more than this.
-const BETWEEN_SCALARS: Duration = Duration::from_millis(100);
 
 /// The run as it stands at a round edge: everything that decides how it goes on.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -93,6 +86,12 @@ impl Edge {
         )
     }
 
+    /// The scalars of this edge for a display.
+    pub fn metrics(&self) -> Metrics {
+        let test = self.test_return_mean.map(|mean| ("test_return_mean".to_owned(), mean));
+        Metrics { t_env: self.t_env, update_calls: self.round, scalars: test.into_iter().collect() }
+    }
+
     /// The row of a test at this edge.
     pub fn test_row(&mut self, test: &Unlogged) -> Row {
         let mean = test.mean();
@@ -104,34 +103,6 @@ impl Edge {
             .with("test_return_std", test.std())
             .with("test_ep_length_mean", test.ep_length_mean())
             .with("test_episodes", test.episodes as f64)
-    }
-}
-
-/// Publishes scalars for whoever looks, at a rate a person can follow.
-pub struct Display {
-    publisher: Publisher,
-    next: Instant,
-}
-
-impl Display {
-    pub fn new(publisher: Publisher) -> Self {
-        Self { publisher, next: Instant::now() }
-    }
-
-    /// `now`: also when the last scalars are recent.
-    pub fn show(&mut self, edge: &Edge, now: bool) {
-        if !now && Instant::now() < self.next {
-            return;
-        }
-        self.next = Instant::now() + BETWEEN_SCALARS;
-        let mut scalars = Vec::new();
-        if let Some(mean) = edge.test_return_mean {
-            scalars.push(("test_return_mean".to_owned(), mean));
-        }
-        let message = Metrics { t_env: edge.t_env, update_calls: edge.round, scalars };
-        // Best effort: nobody may be looking, and nothing depends on it.
-        let sent = encode(&message).map(|bytes| self.publisher.send(&bytes));
-        tracing::trace!(?sent, "scalars");
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bus::{Bus, Event, Inbox};
-use process::Failure;
+use process::{Failure, Scalars};
 use proto::config::Config;
 use proto::control::Seat;
 use proto::exit;
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use store::{Checkpoint, MetricsWriter, Position, RoleFolder, Row};
 
 use crate::convert::Copies;
-use crate::record::{Display, Edge, Report, Seconds, Unlogged};
+use crate::record::{Edge, Report, Seconds, Unlogged};
 use crate::round::{Interrupted, Team, GRACE};
 use crate::seats::Seats;
 
@@ -93,7 +93,7 @@ pub fn run(
 
     let observe = (0..agents).map(|agent| bus.publisher(&keys.observe(agent))).collect::<Result<_, _>>()?;
     let mut server = Server {
-        display: Display::new(bus.best_effort_publisher(&keys.world_metrics())?),
+        display: Scalars::new(bus.best_effort_publisher(&keys.world_metrics())?),
         metrics: folder.metrics(position)?,
         folder,
         config,
@@ -201,7 +201,7 @@ struct Server<'a> {
     testing: Copies,
     team: Team<'a>,
     metrics: MetricsWriter,
-    display: Display,
+    display: Scalars,
 }
 
 impl Server<'_> {
@@ -230,7 +230,7 @@ impl Server<'_> {
     }
 
     fn play_on(&mut self) -> Result<Closed, Interrupted> {
-        self.display.show(&self.edge, true);
+        self.display.show(true, || self.edge.metrics());
         // A run may have been interrupted between a round and its test.
         while self.edge.t_env < self.config.t_max {
             if self.team.stop {
@@ -261,7 +261,7 @@ impl Server<'_> {
         if self.edge.round.is_multiple_of(self.config.save.interval) {
             self.save()?;
         }
-        self.display.show(&self.edge, false);
+        self.display.show(false, || self.edge.metrics());
         Ok(())
     }
 
@@ -278,7 +278,7 @@ impl Server<'_> {
         test.add(self.testing.played());
         let row = self.edge.test_row(&test);
         self.write(&row)?;
-        self.display.show(&self.edge, true);
+        self.display.show(true, || self.edge.metrics());
         Ok(())
     }
 

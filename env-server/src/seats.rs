@@ -70,6 +70,8 @@ impl Seats {
             return Err(Refusal::Config { ours: self.digest, theirs: join.config_digest });
         }
         match seat.nonce {
+            // The one who had this seat is gone: the run goes on only if that very process comes back.
+            Some(nonce) if nonce != join.nonce && seat.gone_since.is_some() => Err(Refusal::Closing),
             Some(nonce) if nonce != join.nonce => Err(Refusal::IdTaken { id }),
             _ => {
                 (seat.nonce, seat.checkpoints) = (Some(join.nonce), join.checkpoints);

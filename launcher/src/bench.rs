@@ -13,6 +13,7 @@ use serde::Serialize;
 use serde_json::Value;
 use store::RunFolder;
 
+use crate::display::Show;
 use crate::drive::{drive, Ended, Options, Place, Transport};
 use crate::experiment::Experiment;
 
@@ -144,7 +145,7 @@ impl Bench {
             let place_of_run = tempfile::tempdir()
                 .map_err(|e| Failure::new(exit::IO, format!("cannot make a folder for the run: {e}")))?;
             let folder = RunFolder::create(place_of_run.path().join("run"), &config.to_toml())?;
-            let options = Options { place, wait: Duration::from_secs(60), quiet: true };
+            let options = Options { place, wait: Duration::from_secs(60), show: Show::Nothing };
             let (ended, summary) = drive(&folder, &config, options)?;
             if ended == Ended::Stopped {
                 return Err(Failure::new(exit::AGAIN, "the measurement was stopped"));

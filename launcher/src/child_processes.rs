@@ -174,7 +174,12 @@ fn tell_endpoints(stdout: impl Read, listening: Option<Sender<String>>) {
 
 /// Waits for a child to end. Passes on what it says meanwhile, and keeps its last words: from the line on
 /// with which it reports why it ends, or the last few of a child that was given no time for that.
-fn outlive(child: &mut Child, name: &str, ended: &Mutex<bool>, news: &Sender<News>) -> Result<Ended, Failure> {
+fn outlive(
+    child: &mut Child,
+    name: &str,
+    ended: &Mutex<bool>,
+    news: &Sender<News>,
+) -> Result<Ended, Failure> {
     let (mut last_words, mut reports) = (VecDeque::new(), false);
     if let Some(stderr) = child.stderr.take() {
         for line in BufReader::new(stderr).lines().map_while(Result::ok) {

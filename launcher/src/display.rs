@@ -47,6 +47,16 @@ pub fn listen(bus: &dyn Bus, config: &Config, news: Sender<News>) -> Result<(), 
     Ok(())
 }
 
+/// How much to show while a run goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Show {
+    /// A live display on a terminal, plain lines elsewhere.
+    Best,
+    /// Plain lines with the name of the run.
+    Lines,
+    Nothing,
+}
+
 /// The state of a run as far as it can be seen.
 pub struct Display {
     t_max: u64,
@@ -59,14 +69,15 @@ pub struct Display {
     test_return_mean: Option<f64>,
     scalars: Vec<Option<Metrics>>,
     bar: Option<ProgressBar>,
-    quiet: bool,
+    show: Show,
+    run: String,
     last_line: Option<Instant>,
 }
 
 impl Display {
-    /// For a run with this configuration; `quiet` shows nothing.
-    pub fn new(config: &Config, quiet: bool) -> Self {
-        let live = !quiet && std::io::stderr().is_terminal();
+    /// For a run with this configuration.
+    pub fn new(config: &Config, show: Show) -> Self {
+        let live = show == Show::Best && std::io::stderr().is_terminal();
         let bar = live.then(|| {
             let bar =
                 ProgressBar::with_draw_target(Some(config.t_max), ProgressDrawTarget::stderr_with_hz(8));
@@ -87,7 +98,8 @@ impl Display {
             test_return_mean: None,
             scalars: vec![None; config.world.agents as usize],
             bar,
-            quiet,
+            show,
+            run: config.run.clone(),
             last_line: None,
         }
     }
@@ -114,11 +126,13 @@ impl Display {
                 bar.set_position(self.t_env.min(self.t_max));
                 bar.set_message(self.text());
             }
-            None if self.quiet => {}
+            None if self.show == Show::Nothing => {}
             None => {
                 if new_test || self.last_line.is_none_or(|last| last.elapsed() >= BETWEEN_LINES) {
                     self.last_line = Some(Instant::now());
-                    eprintln!("{}", self.text().replace('\n', " · "));
+                    let run =
+                        if self.show == Show::Lines { format!("{}: ", self.run) } else { String::new() };
+                    eprintln!("{run}{}", self.text().replace('\n', " · "));
                 }
             }
         }

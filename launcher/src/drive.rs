@@ -13,7 +13,7 @@ use signal_hook::iterator::Signals;
 use store::RunFolder;
 
 use crate::child_processes::ChildProcesses;
-use crate::display::Display;
+use crate::display::{Display, Show};
 use crate::in_process::InProcess;
 use crate::summary::{self, Summary};
 
@@ -70,8 +70,7 @@ pub struct Options {
     pub place: Place,
     /// How long roles wait for each other.
     pub wait: Duration,
-    /// No live display, no lines in between.
-    pub quiet: bool,
+    pub show: Show,
 }
 
 /// After one role has failed the others get this long to save and leave.
@@ -85,7 +84,7 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     let (sender, news) = channel();
     watch_signals(sender.clone())?;
     let start = Instant::now();
-    let mut display = Display::new(config, options.quiet);
+    let mut display = Display::new(config, options.show);
     let mut roles: Box<dyn Roles> = match options.place {
         Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, &sender)?),
         Place::Processes(transport) => {

@@ -1,5 +1,6 @@
 //! Several seeds of one experiment, one after another or side by side, each a `rondo train` of its own.
 
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,7 +25,7 @@ pub fn run(train: &Train, out: &Path) -> Result<ExitCode, Failure> {
         signal_hook::flag::register(signal, stop.clone()).map_err(io)?;
     }
     let mut waiting: Vec<u64> =
-        (0..u64::from(train.seeds)).map(|k| train.experiment.seed + k).rev().collect();
+        (0..u64::from(train.seeds)).map(|k| train.experiment.seed.wrapping_add(k)).rev().collect();
     let mut running: Vec<(u64, Child)> = Vec::new();
     let mut worst = exit::DONE;
     loop {
@@ -78,6 +79,9 @@ fn start(seed: u64, out: &Path) -> std::io::Result<Child> {
         .args(arguments)
         .arg(format!("--seed={seed}"))
         .arg(format!("--out={}", out.join(format!("seed-{seed}")).display()))
-        .stdin(Stdio::null())
+        .arg("--with-launcher")
+        .stdin(Stdio::piped())
+        // Ctrl-C in a terminal reaches this process alone, which then tells each seed once.
+        .process_group(0)
         .spawn()
 }

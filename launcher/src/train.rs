@@ -9,6 +9,7 @@ use proto::config::Config;
 use proto::exit;
 use store::RunFolder;
 
+use crate::display::Show;
 use crate::drive::{drive, Ended, Options, Place, Transport};
 use crate::experiment::Experiment;
 use crate::sweep;
@@ -31,14 +32,24 @@ pub struct Running {
     /// Show nothing but the summary
     #[arg(long)]
     pub quiet: bool,
+    /// End when stdin closes, and show plain lines: set by a sweep, which holds the other end
+    #[arg(long, hide = true)]
+    pub with_launcher: bool,
 }
 
 impl Running {
     fn options(&self) -> Options {
+        if self.with_launcher {
+            process::leave_with_launcher();
+        }
         Options {
             place: if self.in_process { Place::InProcess } else { Place::Processes(self.transport) },
             wait: Duration::from_secs(self.wait),
-            quiet: self.quiet,
+            show: match (self.quiet, self.with_launcher) {
+                (true, _) => Show::Nothing,
+                (false, true) => Show::Lines,
+                (false, false) => Show::Best,
+            },
         }
     }
 }

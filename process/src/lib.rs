@@ -6,10 +6,12 @@ mod failure;
 mod logs;
 mod memory;
 mod record;
+mod scalars;
 mod watch;
 
 pub use arguments::{Common, OpenRole};
 pub use failure::{exit_on_panic, parse_arguments, report, Failure};
 pub use logs::start_logs;
 pub use memory::peak_memory_bytes;
-pub use watch::{stop_on_signals, LISTENING};
+pub use scalars::Scalars;
+pub use watch::{leave_with_launcher, stop_on_signals, LISTENING};

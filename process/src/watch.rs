@@ -34,7 +34,7 @@ pub fn stop_on_signals(inboxes: Vec<Inbox>) -> Result<(), Failure> {
 
 /// Ends this process as soon as stdin closes. The launcher holds the other end of the pipe, so however it
 /// dies, SIGKILL included, none of its children outlives it.
-pub(crate) fn leave_with_launcher() {
+pub fn leave_with_launcher() {
     thread::spawn(|| {
         let mut byte = [0; 64];
         while matches!(std::io::stdin().read(&mut byte), Ok(n) if n > 0) {}
