@@ -1,14 +1,13 @@
 //! Taking a seat: ask the env-server until it answers.
 
-use std::sync::mpsc::{Receiver, TryRecvError};
+use std::sync::mpsc::TryRecvError;
 use std::time::{Duration, Instant};
 
-use bus::{Bus, Event};
-use process::Failure;
+use bus::Event;
+use process::{Failure, Role};
 use proto::codec::{decode, encode};
 use proto::control::{Join, Refusal, Seat, Welcome};
 use proto::exit;
-use proto::keys::Keys;
 
 /// The env-server holds the question until the whole team is there; it is asked again after this time.
 const ASK_AGAIN: Duration = Duration::from_secs(5);
@@ -19,16 +18,10 @@ const PAUSE: Duration = Duration::from_millis(10);
 /// Asks for the seat of agent `id` until it is granted.
 ///
 /// # Errors
-/// If the env-server refuses, says nothing within `wait`, or sends what is no welcome; or on
+/// If the env-server refuses, says nothing within `role.wait`, or sends what is no welcome; or on
 /// [`Event::Stop`].
-pub fn take_seat(
-    bus: &dyn Bus,
-    keys: &Keys,
-    id: u32,
-    join: &Join,
-    events: &Receiver<Event>,
-    wait: Duration,
-) -> Result<Seat, Failure> {
+pub fn take_seat(role: &Role, id: u32, join: &Join) -> Result<Seat, Failure> {
+    let Role { ref bus, ref keys, ref events, wait, .. } = *role;
     let question = encode(join).map_err(|error| Failure::new(exit::BUG, error))?;
     let deadline = Instant::now() + wait;
     loop {

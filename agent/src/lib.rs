@@ -14,7 +14,6 @@ mod timetable;
 mod train;
 
 use std::process::ExitCode;
-use std::sync::mpsc::channel;
 
 use proto::exit;
 
@@ -37,10 +36,7 @@ pub struct Arguments {
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || {
         let name = format!("agent-{}", arguments.id);
-        let role = arguments.common.open(&name, vec![], arguments.connect.clone())?;
-        let (inbox, events) = channel();
-        process::stop_on_signals(vec![inbox.clone()])?;
-        run(role.bus, arguments.id, &role.config, &role.folder, inbox, &events, role.wait)
+        run(arguments.common.open(&name, vec![], arguments.connect.clone())?, arguments.id)
     };
     match attempt() {
         Ok(Left::Finished) => ExitCode::from(exit::DONE),

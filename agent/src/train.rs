@@ -1,22 +1,20 @@
 //! The agent's life from its seat to its last checkpoint.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::sync::Arc;
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-use bus::{Bus, Event, Inbox, Publisher};
-use process::{Failure, Scalars};
+use bus::{Event, Publisher};
+use process::{Failure, Role, Scalars};
 use proto::codec::{decode, encode};
-use proto::config::Config;
 use proto::control::{Join, Progress, Rates, RatesQuery, Seat};
 use proto::exit;
-use proto::keys::{Key, Keys};
+use proto::keys::Key;
 use proto::stream::stream;
 use proto::tick::{Mode, TickId};
 use proto::{Act, Observe};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
-use store::{MetricsWriter, Position, RoleFolder};
+use store::{MetricsWriter, Position};
 
 use crate::join::take_seat;
 use crate::learner::{owner, Learner};
@@ -53,30 +51,24 @@ struct Report {
 /// Runs one agent until the run ends.
 ///
 /// # Errors
-/// If it gets no seat within `wait`, loses the env-server, hears nothing for `wait`, is told no learning
+/// If it gets no seat within `role.wait`, loses the env-server, hears nothing for as long, is told no learning
 /// rate, or the disk fails.
-pub fn run(
-    bus: Arc<dyn Bus>,
-    id: u32,
-    config: &Config,
-    folder: &RoleFolder,
-    inbox: Inbox,
-    events: &Receiver<Event>,
-    wait: Duration,
-) -> Result<Left, Failure> {
-    let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
-    let join =
-        Join { config_digest: config.digest(), nonce: nonce(), checkpoints: folder.checkpoints().rounds()? };
-    let seat = take_seat(&*bus, &keys, id, &join, events, wait)?;
+pub fn run(role: Role, id: u32) -> Result<Left, Failure> {
+    let join = Join {
+        config_digest: role.config.digest(),
+        nonce: nonce(),
+        checkpoints: role.folder.checkpoints().rounds()?,
+    };
+    let seat = take_seat(&role, id, &join)?;
     tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, "has a seat");
 
-    let mut agent = Agent::start(bus, keys, id, config, folder, seat, wait)?;
+    let mut agent = Agent::start(&role, id, seat)?;
     // The token comes last: whoever sees it knows that the subscriptions are there.
-    let _schedule = agent.bus.subscribe(&agent.keys.schedule(), inbox.clone())?;
-    let _observe = agent.bus.subscribe(&agent.keys.observe(id), inbox.clone())?;
-    let _world = agent.bus.watch(&agent.keys.alive_world(), inbox)?;
-    let _token = agent.bus.announce(&agent.keys.alive_agent(id))?;
-    agent.live(events)
+    let _schedule = role.bus.subscribe(&role.keys.schedule(), role.inbox.clone())?;
+    let _observe = role.bus.subscribe(&role.keys.observe(id), role.inbox.clone())?;
+    let _world = role.bus.watch(&role.keys.alive_world(), role.inbox.clone())?;
+    let _token = role.bus.announce(&role.keys.alive_agent(id))?;
+    agent.live()
 }
 
 /// A number that no other process of this run has.
@@ -90,13 +82,9 @@ fn nonce() -> u64 {
 }
 
 struct Agent<'a> {
-    bus: Arc<dyn Bus>,
-    keys: Keys,
+    role: &'a Role,
     id: u32,
-    config: &'a Config,
-    folder: &'a RoleFolder,
     seat: Seat,
-    wait: Duration,
     learner: Learner,
     timetable: Timetable,
     metrics: MetricsWriter,
@@ -122,15 +110,8 @@ struct Round {
 }
 
 impl<'a> Agent<'a> {
-    fn start(
-        bus: Arc<dyn Bus>,
-        keys: Keys,
-        id: u32,
-        config: &'a Config,
-        folder: &'a RoleFolder,
-        seat: Seat,
-        wait: Duration,
-    ) -> Result<Self, Failure> {
+    fn start(role: &'a Role, id: u32, seat: Seat) -> Result<Self, Failure> {
+        let Role { bus, keys, config, folder, .. } = role;
         let mut learner = Learner::new(config, id, &seat);
         let checkpoints = folder.checkpoints();
         let (mut unlogged, mut position) = (Unlogged::default(), Position::START);
@@ -145,13 +126,9 @@ impl<'a> Agent<'a> {
             display: Scalars::new(bus.best_effort_publisher(&keys.agent_metrics(id))?),
             metrics: folder.metrics(position)?,
             saved: (seat.round > 0).then_some(seat.round),
-            bus,
-            keys,
+            role,
             id,
-            config,
-            folder,
             seat,
-            wait,
             learner,
             timetable: Timetable::default(),
             unlogged,
@@ -167,18 +144,18 @@ impl<'a> Agent<'a> {
         })
     }
 
-    fn live(&mut self, events: &Receiver<Event>) -> Result<Left, Failure> {
+    fn live(&mut self) -> Result<Left, Failure> {
         let mut started: Option<Instant> = None;
-        let mut deadline = Instant::now() + self.wait;
+        let mut deadline = Instant::now() + self.role.wait;
         let mut world_gone = false;
         let left = loop {
-            match events.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
-                Ok(Event::Message { key, payload }) => match self.keys.parse(&key) {
+            match self.role.events.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+                Ok(Event::Message { key, payload }) => match self.role.keys.parse(&key) {
                     Some(Key::Schedule) => self.hear_rates(&payload),
                     Some(Key::Observe(_)) => {
                         let started = started.get_or_insert_with(Instant::now);
-                        (deadline, world_gone) = (Instant::now() + self.wait, false);
-                        if let Some(left) = self.hear_tick(&payload, events)? {
+                        (deadline, world_gone) = (Instant::now() + self.role.wait, false);
+                        if let Some(left) = self.hear_tick(&payload)? {
                             self.seconds.total = started.elapsed().as_secs_f64();
                             break left;
                         }
@@ -188,7 +165,7 @@ impl<'a> Agent<'a> {
                 Ok(Event::Gone { .. }) => {
                     (deadline, world_gone) = (Instant::now() + GRACE, true);
                 }
-                Ok(Event::Alive { .. }) => (deadline, world_gone) = (Instant::now() + self.wait, false),
+                Ok(Event::Alive { .. }) => (deadline, world_gone) = (Instant::now() + self.role.wait, false),
                 Ok(Event::Query(_)) => self.ignore("a question"),
                 Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => break Left::Stopped,
                 Err(RecvTimeoutError::Timeout) => {
@@ -198,13 +175,13 @@ impl<'a> Agent<'a> {
             }
         };
         self.save()?;
-        self.folder.write_result(&Report {
+        self.role.folder.write_result(&Report {
             role: "agent",
             update_calls: self.learner.update_calls(),
             seconds: self.seconds,
             ignored_messages: self.ignored,
             peak_memory_bytes: process::peak_memory_bytes(),
-            traffic: self.bus.traffic().into_iter().map(|t| (t.key, t.messages, t.bytes)).collect(),
+            traffic: self.role.traffic(),
         })?;
         Ok(left)
     }
@@ -222,11 +199,11 @@ impl<'a> Agent<'a> {
     }
 
     /// Answers a tick; the reason to leave, if it closes the run.
-    fn hear_tick(&mut self, payload: &[u8], events: &Receiver<Event>) -> Result<Option<Left>, Failure> {
+    fn hear_tick(&mut self, payload: &[u8]) -> Result<Option<Left>, Failure> {
         let mut observe = std::mem::take(&mut self.round.observe);
         let decoded = timed(&mut self.seconds.messages, || observe.decode(payload));
         let result = match decoded {
-            Ok(()) => self.take_tick(&observe, events),
+            Ok(()) => self.take_tick(&observe),
             Err(error) => {
                 self.ignore(&error.to_string());
                 Ok(None)
@@ -236,7 +213,7 @@ impl<'a> Agent<'a> {
         result
     }
 
-    fn take_tick(&mut self, observe: &Observe, events: &Receiver<Event>) -> Result<Option<Left>, Failure> {
+    fn take_tick(&mut self, observe: &Observe) -> Result<Option<Left>, Failure> {
         let id = observe.id();
         if self.round.answered == Some(id) {
             // The env-server has not heard the answer: say it again.
@@ -257,7 +234,7 @@ impl<'a> Agent<'a> {
         if id.tick == 0 {
             self.learner.begin_round(observe.rows(), learning);
             let purpose = if learning { "actions" } else { "test-actions" };
-            self.round.rng = Some(stream(self.config.seed, &owner(self.id), purpose, &[id.round]));
+            self.round.rng = Some(stream(self.role.config.seed, &owner(self.id), purpose, &[id.round]));
         }
         let over = observe.running().next().is_none();
         self.reply(id, |agent, actions| {
@@ -266,7 +243,7 @@ impl<'a> Agent<'a> {
             actions.extend_from_slice(chosen);
         })?;
         if over && learning {
-            self.learn(observe.t_env, events)?;
+            self.learn(observe.t_env)?;
         }
         Ok(None)
     }
@@ -308,9 +285,9 @@ impl<'a> Agent<'a> {
     }
 
     /// The update call that ends a round, and what follows from it.
-    fn learn(&mut self, t_env_before: u64, events: &Receiver<Event>) -> Result<(), Failure> {
+    fn learn(&mut self, t_env_before: u64) -> Result<(), Failure> {
         let update_call = self.learner.update_calls();
-        let rates = self.rates(update_call, events)?;
+        let rates = self.rates(update_call)?;
         let lr = rates.rate_of(self.id).ok_or_else(|| {
             let text = format!("the schedule has {} agents and none with id {}", rates.levels.len(), self.id);
             Failure::new(exit::CONFIG, text)
@@ -322,12 +299,12 @@ impl<'a> Agent<'a> {
         self.progress.send(&told)?;
         self.display.show(false, || metrics(&stats, lr, &rates, t_env, update_calls));
         self.timetable.forget_before(update_calls);
-        if let Some(row) = self.unlogged.add(&stats, lr, t_env, update_calls, self.config.log.interval) {
+        if let Some(row) = self.unlogged.add(&stats, lr, t_env, update_calls, self.role.config.log.interval) {
             let mut disk = 0.0;
             timed(&mut disk, || self.metrics.append(&row))?;
             self.seconds.disk += disk;
         }
-        if update_calls.is_multiple_of(self.config.save.interval) {
+        if update_calls.is_multiple_of(self.role.config.save.interval) {
             self.save()?;
         }
         Ok(())
@@ -335,15 +312,15 @@ impl<'a> Agent<'a> {
 
     /// What the schedule says of an update call. Waits for it: an update call that no schedule covers is
     /// never made.
-    fn rates(&mut self, update_call: u64, events: &Receiver<Event>) -> Result<Rates, Failure> {
+    fn rates(&mut self, update_call: u64) -> Result<Rates, Failure> {
         // What has arrived meanwhile may be it; ticks cannot be among it, the env-server waits for us.
-        let deadline = Instant::now() + self.wait;
+        let deadline = Instant::now() + self.role.wait;
         let question = encode(&RatesQuery { update_call }).map_err(|error| Failure::new(exit::BUG, error))?;
         loop {
             if let Some(rates) = self.timetable.covering(update_call) {
                 return Ok(rates.clone());
             }
-            if let Some(reply) = self.bus.ask(&self.keys.schedule(), &question, ASK_AGAIN)? {
+            if let Some(reply) = self.role.bus.ask(&self.role.keys.schedule(), &question, ASK_AGAIN)? {
                 self.hear_rates(&reply);
                 continue;
             }
@@ -353,17 +330,17 @@ impl<'a> Agent<'a> {
                     format!(
                         "no schedule covers update call {update_call}: the coordinator did not answer on `{}` within \
                          {:?}\nhint: is it running, and its endpoint among the `--connect`?",
-                        self.keys.schedule(),
-                        self.wait
+                        self.role.keys.schedule(),
+                        self.role.wait
                     ),
                 ));
             }
-            match events.recv_timeout(Duration::from_millis(50)) {
+            match self.role.events.recv_timeout(Duration::from_millis(50)) {
                 Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => {
                     let text = format!("agent {} was stopped while it waited for a schedule", self.id);
                     return Err(Failure::new(exit::AGAIN, text));
                 }
-                Ok(Event::Message { key, payload }) if self.keys.parse(&key) == Some(Key::Schedule) => {
+                Ok(Event::Message { key, payload }) if self.role.keys.parse(&key) == Some(Key::Schedule) => {
                     self.hear_rates(&payload);
                 }
                 _ => {}
@@ -379,7 +356,7 @@ impl<'a> Agent<'a> {
         }
         let start = Instant::now();
         let position = self.metrics.sync()?;
-        self.folder.checkpoints().save(&self.learner.checkpoint(&self.unlogged, position))?;
+        self.role.folder.checkpoints().save(&self.learner.checkpoint(&self.unlogged, position))?;
         self.seconds.disk += start.elapsed().as_secs_f64();
         self.saved = Some(round);
         Ok(())
@@ -388,9 +365,9 @@ impl<'a> Agent<'a> {
     fn abandoned(&self, world_gone: bool) -> Failure {
         let (round, saved) = (self.learner.update_calls(), "its checkpoint is saved");
         let what = if world_gone {
-            format!("the env-server has left run `{}` in round {round}", self.config.run)
+            format!("the env-server has left run `{}` in round {round}", self.role.config.run)
         } else {
-            format!("the env-server said nothing for {:?} in round {round}", self.wait)
+            format!("the env-server said nothing for {:?} in round {round}", self.role.wait)
         };
         let hint = "start the env-server again, then this agent with the same arguments";
         Failure::new(exit::AGAIN, format!("agent {} is alone: {what}; {saved}\nhint: {hint}", self.id))

@@ -6,18 +6,16 @@
 pub mod schedule;
 
 use std::process::ExitCode;
-use std::sync::mpsc::{channel, Receiver, RecvTimeoutError};
-use std::sync::Arc;
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
-use bus::{Bus, Event, Inbox};
-use process::Failure;
+use bus::Event;
+use process::{Failure, Role};
 use proto::codec::{decode, encode, WireError};
 use proto::config::Config;
 use proto::control::{Progress, Rates, RatesQuery};
 use proto::exit;
-use proto::keys::{Key, Keys};
-use store::RoleFolder;
+use proto::keys::Key;
 
 /// How many update calls ahead of the foremost agent the schedule is published: enough that an agent
 /// never waits for it, few enough that nothing is told about a distant future.
@@ -35,12 +33,7 @@ pub struct Arguments {
 
 /// The whole process: opens what the arguments say and runs until the agents have left.
 pub fn main(arguments: &Arguments) -> ExitCode {
-    let attempt = || {
-        let role = arguments.common.open("coordinator", arguments.listen.clone(), vec![])?;
-        let (inbox, events) = channel();
-        process::stop_on_signals(vec![inbox.clone()])?;
-        run(role.bus, &role.config, &role.folder, inbox, &events, role.wait)
-    };
+    let attempt = || run(arguments.common.open("coordinator", arguments.listen.clone(), vec![])?);
     match attempt() {
         Ok(()) => ExitCode::from(exit::DONE),
         Err(failure) => process::report(&failure),
@@ -58,20 +51,13 @@ struct Report {
 /// [`Event::Stop`].
 ///
 /// # Errors
-/// If agents do not come within `wait` (they are named), or the bus or the disk fails.
-pub fn run(
-    bus: Arc<dyn Bus>,
-    config: &Config,
-    folder: &RoleFolder,
-    inbox: Inbox,
-    events: &Receiver<Event>,
-    wait: Duration,
-) -> Result<(), Failure> {
-    let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
+/// If agents do not come within `role.wait` (they are named), or the bus or the disk fails.
+pub fn run(role: Role) -> Result<(), Failure> {
+    let Role { ref bus, ref config, ref keys, ref events, wait, .. } = role;
     let publisher = bus.publisher(&keys.schedule())?;
-    let _served = bus.serve(&keys.schedule(), inbox.clone())?;
-    let _progress = bus.subscribe(&keys.any_progress(), inbox.clone())?;
-    let _agents = bus.watch(&keys.any_alive(), inbox)?;
+    let _served = bus.serve(&keys.schedule(), role.inbox.clone())?;
+    let _progress = bus.subscribe(&keys.any_progress(), role.inbox.clone())?;
+    let _agents = bus.watch(&keys.any_alive(), role.inbox.clone())?;
     let _token = bus.announce(&keys.alive_coordinator())?;
 
     let mut team = Team::new(config.world.agents);
@@ -137,8 +123,7 @@ pub fn run(
             }
         }
     }
-    let traffic = bus.traffic().into_iter().map(|t| (t.key, t.messages, t.bytes)).collect();
-    folder.write_result(&Report { role: "coordinator", traffic })?;
+    role.folder.write_result(&Report { role: "coordinator", traffic: role.traffic() })?;
     Ok(())
 }
 

@@ -10,7 +10,6 @@ mod run;
 mod seats;
 
 use std::process::ExitCode;
-use std::sync::mpsc::channel;
 
 use proto::exit;
 
@@ -28,12 +27,7 @@ pub struct Arguments {
 
 /// The whole process: opens what the arguments say and runs until the run is closed.
 pub fn main(arguments: &Arguments) -> ExitCode {
-    let attempt = || {
-        let role = arguments.common.open("world", arguments.listen.clone(), vec![])?;
-        let (inbox, events) = channel();
-        process::stop_on_signals(vec![inbox.clone()])?;
-        run(role.bus, &role.config, &role.folder, inbox, &events, role.wait)
-    };
+    let attempt = || run(arguments.common.open("world", arguments.listen.clone(), vec![])?);
     match attempt() {
         Ok(Closed::Finished) => ExitCode::from(exit::DONE),
         Ok(Closed::Stopped) => ExitCode::from(exit::AGAIN),

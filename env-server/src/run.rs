@@ -1,15 +1,14 @@
 //! The run from the first seat to the last word: rounds, tests, checkpoints, close.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::sync::mpsc::RecvTimeoutError;
+use std::time::Instant;
 
-use bus::{Bus, Event, Inbox};
-use process::{Failure, Scalars};
+use bus::Event;
+use process::{Failure, Role, Scalars};
 use proto::config::Config;
 use proto::control::Seat;
 use proto::exit;
-use proto::keys::{Key, Keys};
+use proto::keys::Key;
 use proto::tick::TickId;
 use proto::Mode;
 use serde::{Deserialize, Serialize};
@@ -40,32 +39,25 @@ struct Saved {
 /// Runs the world until the budget is used or [`Event::Stop`] comes.
 ///
 /// # Errors
-/// If the task is unknown or does not fit the configuration, agents do not come within `wait` (they are
-/// named), leave or fall silent for `wait`, or the disk fails.
-pub fn run(
-    bus: Arc<dyn Bus>,
-    config: &Config,
-    folder: &RoleFolder,
-    inbox: Inbox,
-    events: &Receiver<Event>,
-    wait: Duration,
-) -> Result<Closed, Failure> {
-    let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
+/// If the task is unknown or does not fit the configuration, agents do not come within `role.wait`
+/// (they are named), leave or fall silent for as long, or the disk fails.
+pub fn run(role: Role) -> Result<Closed, Failure> {
+    let Role { ref bus, ref config, ref keys, ref events, ref folder, wait, .. } = role;
     let task = checked_task(config)?;
     let agents = config.world.agents;
 
     let mut guards = Vec::new();
     for agent in 0..agents {
-        guards.push(bus.subscribe(&keys.act(agent), inbox.clone())?);
+        guards.push(bus.subscribe(&keys.act(agent), role.inbox.clone())?);
     }
-    guards.push(bus.serve(&keys.any_join(), inbox.clone())?);
-    guards.push(bus.watch(&keys.any_alive(), inbox)?);
+    guards.push(bus.serve(&keys.any_join(), role.inbox.clone())?);
+    guards.push(bus.watch(&keys.any_alive(), role.inbox.clone())?);
     guards.push(bus.announce(&keys.alive_world())?);
 
     let checkpoints = folder.checkpoints();
     let mut seats = Seats::new(config, checkpoints.rounds()?);
     let deadline = Instant::now() + wait;
-    take_in(&mut seats, &keys, events, deadline, Seats::not_joined, &config.run, wait)?;
+    take_in(&mut seats, &role, deadline, Seats::not_joined)?;
 
     let round = seats.common_round();
     let (mut edge, mut epoch, mut position) = (Edge::default(), 0, Position::START);
@@ -88,7 +80,7 @@ pub fn run(
         episode_limit: task.sizes().episode_limit,
     };
     seats.grant((0..agents as usize).map(seat).collect());
-    take_in(&mut seats, &keys, events, deadline, Seats::absent, &config.run, wait)?;
+    take_in(&mut seats, &role, deadline, Seats::absent)?;
     tracing::info!(epoch, round, "everybody is here");
 
     let observe = (0..agents).map(|agent| bus.publisher(&keys.observe(agent))).collect::<Result<_, _>>()?;
@@ -103,10 +95,10 @@ pub fn run(
         edge,
         training: Copies::of(&task, config.world.copies),
         testing: Copies::of(&task, config.test.episodes),
-        team: Team::new(keys, seats, observe, events, wait),
+        team: Team::new(keys.clone(), seats, observe, events, wait),
     };
     let closed = server.rounds();
-    server.report(&*bus)?;
+    server.report(&role)?;
     closed
 }
 
@@ -124,15 +116,13 @@ fn checked_task(config: &Config) -> Result<envs::Task, Failure> {
 /// Hears who comes until nobody is `missing` any more.
 fn take_in(
     seats: &mut Seats,
-    keys: &Keys,
-    events: &Receiver<Event>,
+    role: &Role,
     deadline: Instant,
     missing: fn(&Seats) -> Vec<usize>,
-    run: &str,
-    wait: Duration,
 ) -> Result<(), Failure> {
+    let (keys, run) = (&role.keys, &role.config.run);
     while !missing(seats).is_empty() {
-        match events.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
+        match role.events.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
             Ok(Event::Query(query)) => match keys.parse(&query.key) {
                 Some(Key::Join(id)) => seats.ask(id, query),
                 _ => tracing::warn!(key = %query.key, "ignored a question"),
@@ -154,7 +144,7 @@ fn take_in(
                     format!("run `{run}` was stopped before everybody had joined"),
                 ));
             }
-            Err(RecvTimeoutError::Timeout) => return Err(did_not_join(seats, missing, keys, run, wait)),
+            Err(RecvTimeoutError::Timeout) => return Err(did_not_join(seats, missing, role)),
         }
         if let Some(id) = seats.lost(GRACE) {
             let text = format!("agent {id} has left run `{run}` before it began\nhint: look at its log");
@@ -164,13 +154,7 @@ fn take_in(
     Ok(())
 }
 
-fn did_not_join(
-    seats: &Seats,
-    missing: fn(&Seats) -> Vec<usize>,
-    keys: &Keys,
-    run: &str,
-    wait: Duration,
-) -> Failure {
+fn did_not_join(seats: &Seats, missing: fn(&Seats) -> Vec<usize>, role: &Role) -> Failure {
     let missing = missing(seats);
     let list = |ids: &[usize]| ids.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
     let here: Vec<usize> = (0..seats.team_size()).filter(|id| !missing.contains(id)).collect();
@@ -179,11 +163,13 @@ fn did_not_join(
     Failure::new(
         exit::AGAIN,
         format!(
-            "of run `{run}` agents did not join within {wait:?}: {} ({here})\n  waited on `{}`\n\
+            "of run `{}` agents did not join within {:?}: {} ({here})\n  waited on `{}`\n\
              hint: on its host run `rondo-agent --id {first} --config FILE --out DIR --connect ENDPOINT …`, \
              or give it longer with `--wait`",
+            role.config.run,
+            role.wait,
             list(&missing),
-            keys.join(first as u32)
+            role.keys.join(first as u32)
         ),
     )
 }
@@ -304,8 +290,8 @@ impl Server<'_> {
         Ok(())
     }
 
-    fn report(&self, bus: &dyn Bus) -> Result<(), Failure> {
-        self.folder.write_result(&Report {
+    fn report(&self, role: &Role) -> Result<(), Failure> {
+        role.folder.write_result(&Report {
             role: "world",
             t_env: self.edge.t_env,
             rounds: self.edge.round,
@@ -316,7 +302,7 @@ impl Server<'_> {
             seconds: self.team.seconds,
             ignored_messages: self.team.ignored,
             peak_memory_bytes: process::peak_memory_bytes(),
-            traffic: bus.traffic().into_iter().map(|t| (t.key, t.messages, t.bytes)).collect(),
+            traffic: role.traffic(),
         })?;
         Ok(())
     }

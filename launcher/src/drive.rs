@@ -15,6 +15,7 @@ use store::RunFolder;
 use crate::child_processes::ChildProcesses;
 use crate::display::{Display, Show};
 use crate::in_process::InProcess;
+use crate::one_at_a_time;
 use crate::summary::{self, Summary};
 
 /// Where the roles run.
@@ -81,6 +82,7 @@ const AFTER_FAILURE: Duration = Duration::from_millis(1500);
 /// # Errors
 /// The first failure of a role.
 pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(Ended, Summary), Failure> {
+    let _held = one_at_a_time::hold(folder.path())?;
     let (sender, news) = channel();
     watch_signals(sender.clone())?;
     let start = Instant::now();

@@ -1,14 +1,14 @@
 //! All roles as threads of this process, on a bus in memory: the same functions, the same bits.
 
-use std::sync::mpsc::{channel, Receiver, Sender};
+use std::sync::mpsc::{channel, Sender};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use bus::{Bus, Event, Inbox};
-use process::Failure;
+use process::{Failure, Role};
 use proto::config::Config;
-use store::{RoleFolder, RunFolder};
+use store::RunFolder;
 
 use crate::display::listen;
 use crate::drive::{Ended, News, Roles};
@@ -39,12 +39,11 @@ impl InProcess {
         listen(&*monitor, config, news.clone())?;
         let mut roles =
             Self { _monitor: monitor, world: channel().0, others: vec![], threads: vec![], stops: 0 };
-        let mut begin = |name: String, role: Box<Role>| -> Result<Inbox, Failure> {
-            let (inbox, events) = channel();
-            let (bus, folder, config) = (hub.connect(), folder.role(&name)?, config.clone());
-            let (stop, news) = (inbox.clone(), news.clone());
+        let mut begin = |name: String, run: Box<Run>| -> Result<Inbox, Failure> {
+            let role = Role::new(hub.connect(), config.clone(), folder.role(&name)?, wait)?;
+            let (stop, news) = (role.inbox.clone(), news.clone());
             roles.threads.push(std::thread::spawn(move || {
-                let result = role(bus, &config, &folder, inbox, &events, wait);
+                let result = run(role);
                 // Nobody listens any more only when the run is abandoned.
                 let _ = news.send(News::Ended { role: name, result });
             }));
@@ -52,37 +51,30 @@ impl InProcess {
         };
         let world = begin(
             "world".to_owned(),
-            Box::new(|bus, config, folder, inbox, events, wait| {
-                env_server::run(bus, config, folder, inbox, events, wait).map(|closed| match closed {
+            Box::new(|role| {
+                env_server::run(role).map(|closed| match closed {
                     env_server::Closed::Finished => Ended::Finished,
                     env_server::Closed::Stopped => Ended::Stopped,
                 })
             }),
         )?;
-        let mut others = vec![begin(
-            "coordinator".to_owned(),
-            Box::new(|bus, config, folder, inbox, events, wait| {
-                coordinator::run(bus, config, folder, inbox, events, wait).map(|()| Ended::Finished)
-            }),
-        )?];
+        let coordinator = Box::new(|role| coordinator::run(role).map(|()| Ended::Finished));
+        let mut others = vec![begin("coordinator".to_owned(), coordinator)?];
         for id in 0..config.world.agents {
-            others.push(begin(
-                format!("agent-{id}"),
-                Box::new(move |bus, config, folder, inbox, events, wait| {
-                    agent::run(bus, id, config, folder, inbox, events, wait).map(|left| match left {
-                        agent::Left::Finished => Ended::Finished,
-                        agent::Left::Stopped => Ended::Stopped,
-                    })
-                }),
-            )?);
+            let agent = Box::new(move |role| {
+                agent::run(role, id).map(|left| match left {
+                    agent::Left::Finished => Ended::Finished,
+                    agent::Left::Stopped => Ended::Stopped,
+                })
+            });
+            others.push(begin(format!("agent-{id}"), agent)?);
         }
         (roles.world, roles.others) = (world, others);
         Ok(roles)
     }
 }
 
-type Role = dyn FnOnce(Arc<dyn Bus>, &Config, &RoleFolder, Inbox, &Receiver<Event>, Duration) -> Result<Ended, Failure>
-    + Send;
+type Run = dyn FnOnce(Role) -> Result<Ended, Failure> + Send;
 
 impl Roles for InProcess {
     fn stop(&mut self) {

@@ -7,6 +7,7 @@ mod drive;
 mod experiment;
 mod in_process;
 mod look;
+mod one_at_a_time;
 mod replay;
 mod summary;
 mod sweep;

@@ -1,15 +1,14 @@
 //! The arguments that every role takes, and what follows from them: configuration, run folder, bus.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
-use bus::{Bus, Options};
+use bus::Options;
 use proto::config::Config;
 use proto::exit;
-use store::{RoleFolder, RunFolder};
+use store::RunFolder;
 
-use crate::{exit_on_panic, record, start_logs, watch, Failure};
+use crate::{exit_on_panic, record, start_logs, watch, Failure, Role};
 
 /// The arguments of every role.
 #[derive(Debug, Clone, clap::Args)]
@@ -34,24 +33,12 @@ pub struct Common {
     pub with_launcher: bool,
 }
 
-/// What a role's process has opened before the role begins.
-pub struct OpenRole {
-    /// The validated configuration.
-    pub config: Config,
-    /// The role's part of the run folder.
-    pub folder: RoleFolder,
-    /// Its side of the bus.
-    pub bus: Arc<dyn Bus>,
-    /// How long to wait for others.
-    pub wait: Duration,
-}
-
 impl Common {
     /// Opens everything, in the order in which mistakes should be reported: configuration, folder, bus.
     ///
     /// # Errors
     /// Whatever is wrong with one of them.
-    pub fn open(&self, role: &str, listen: Vec<String>, connect: Vec<String>) -> Result<OpenRole, Failure> {
+    pub fn open(&self, role: &str, listen: Vec<String>, connect: Vec<String>) -> Result<Role, Failure> {
         exit_on_panic();
         if self.with_launcher {
             watch::leave_with_launcher();
@@ -80,6 +67,8 @@ impl Common {
         for endpoint in bus.endpoints() {
             println!("{} {endpoint}", watch::LISTENING);
         }
-        Ok(OpenRole { config, folder, bus, wait })
+        let role = Role::new(bus, config, folder, wait)?;
+        watch::stop_on_signals(role.inbox.clone())?;
+        Ok(role)
     }
 }

@@ -6,12 +6,14 @@ mod failure;
 mod logs;
 mod memory;
 mod record;
+mod role;
 mod scalars;
 mod watch;
 
-pub use arguments::{Common, OpenRole};
+pub use arguments::Common;
 pub use failure::{exit_on_panic, parse_arguments, report, Failure};
 pub use logs::start_logs;
 pub use memory::peak_memory_bytes;
+pub use role::Role;
 pub use scalars::Scalars;
-pub use watch::{leave_with_launcher, stop_on_signals, LISTENING};
+pub use watch::{leave_with_launcher, LISTENING};

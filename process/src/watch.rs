@@ -13,20 +13,18 @@ use crate::Failure;
 /// What a listening role prints on stdout, followed by a space and the endpoint, when it can be dialled.
 pub const LISTENING: &str = "listening";
 
-/// Turns SIGINT, SIGTERM and SIGHUP into [`Event::Stop`] for each inbox: the role saves and leaves.
+/// Turns SIGINT, SIGTERM and SIGHUP into [`Event::Stop`]: the role saves and leaves.
 ///
 /// # Errors
 /// If the system refuses the handler.
-pub fn stop_on_signals(inboxes: Vec<Inbox>) -> Result<(), Failure> {
+pub(crate) fn stop_on_signals(inbox: Inbox) -> Result<(), Failure> {
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])
         .map_err(|error| Failure::new(exit::BUG, format!("cannot watch for signals: {error}")))?;
     thread::spawn(move || {
         for signal in signals.forever() {
             tracing::info!(signal, "asked to stop");
-            for inbox in &inboxes {
-                // A role that has left needs no telling.
-                let _ = inbox.send(Event::Stop);
-            }
+            // A role that has left needs no telling.
+            let _ = inbox.send(Event::Stop);
         }
     });
     Ok(())
