@@ -1,7 +1,9 @@
 //! The agent's life from its seat to its last checkpoint.
 
+use std::collections::hash_map::RandomState;
+use std::hash::BuildHasher;
 use std::sync::mpsc::RecvTimeoutError;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use bus::{Event, Publisher};
 use process::{Failure, Role, Scalars};
@@ -71,14 +73,9 @@ pub fn run(role: Role, id: u32) -> Result<Left, Failure> {
     agent.live()
 }
 
-/// A number that no other process of this run has.
+/// A number that no other process of this run has: the hasher's keys are drawn anew in every process.
 fn nonce() -> u64 {
-    let mut hasher = std::hash::DefaultHasher::new();
-    std::hash::Hash::hash(&(std::process::id(), std::time::SystemTime::now()), &mut hasher);
-    std::hash::Hasher::finish(&hasher)
-        ^ std::hash::Hasher::finish(&std::hash::BuildHasher::build_hasher(
-            &std::collections::hash_map::RandomState::new(),
-        ))
+    RandomState::new().hash_one((std::process::id(), SystemTime::now()))
 }
 
 struct Agent<'a> {

@@ -1,1 +1,16 @@
-//! The whole system.
+//! The whole system: real processes on real sockets, stopped, killed, cut off from their disk and lied to.
+//!
+//! Almost every test ends with the same question: does the run come to the same digest? [`cluster`] hides
+//! folders, processes and cleanup; the other files tell one story each.
+
+mod cluster;
+
+mod bad_input;
+mod determinism;
+mod faults;
+mod full_disk;
+mod hosts;
+mod isolation;
+mod learning;
+mod resume;
+mod strangers;
