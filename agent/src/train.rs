@@ -162,7 +162,10 @@ impl<'a> Agent<'a> {
                 Ok(Event::Gone { .. }) => {
                     (deadline, world_gone) = (Instant::now() + GRACE, true);
                 }
-                Ok(Event::Alive { .. }) => (deadline, world_gone) = (Instant::now() + self.role.wait, false),
+                // The same env-server repeats its tick soon; another one, started meanwhile, does not know
+                // this agent, which then has to start again too.
+                Ok(Event::Alive { .. }) if world_gone => deadline = Instant::now() + 2 * GRACE,
+                Ok(Event::Alive { .. }) => deadline = Instant::now() + self.role.wait,
                 Ok(Event::Query(_)) => self.ignore("a question"),
                 Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => break Left::Stopped,
                 Err(RecvTimeoutError::Timeout) => {
