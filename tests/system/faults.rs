@@ -1,0 +1,109 @@
+//! Roles that die: the run ends with a message that names them, and nobody is left behind.
+
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::Signal;
+
+use crate::cluster::{experiment, short, undisturbed, wait_until, Cluster, Ended, Member, Process};
+
+const NOTHING: [&str; 0] = [];
+
+/// However a run ends, all its processes are gone after this time.
+const NO_ORPHAN_AFTER: Duration = Duration::from_secs(2);
+
+/// A run that does not end by itself while somebody looks.
+fn endless() -> Vec<String> {
+    experiment(1, 10_000_000)
+}
+
+/// A run of four processes that has begun to learn.
+fn running(cluster: &Cluster, experiment: Vec<String>) -> (Process, Vec<Member>) {
+    let mut training = cluster.train("run", experiment, NOTHING);
+    cluster.run("run").reaches(1_000);
+    let children = training.children();
+    assert_eq!(children.len(), 4, "env-server, coordinator and two agents");
+    (training, children)
+}
+
+/// Waits for the end of the launcher. Since `before` no more time may have passed than promised, and no
+/// child may live.
+#[track_caller]
+fn ends_in_time(training: Process, children: &[Member], before: Instant) -> Ended {
+    let ended = training.wait();
+    wait_until("the children to be gone", || !children.iter().any(Member::is_alive));
+    assert!(before.elapsed() < NO_ORPHAN_AFTER, "{:?}", before.elapsed());
+    ended
+}
+
+#[test]
+fn no_process_is_left_after_each_kind_of_signal_to_the_launcher() {
+    for (signal, code) in [(Signal::SIGINT, Some(75)), (Signal::SIGTERM, Some(75)), (Signal::SIGKILL, None)] {
+        let cluster = Cluster::new();
+        let (training, children) = running(&cluster, endless());
+        let before = Instant::now();
+        training.signal(signal);
+        let ended = ends_in_time(training, &children, before);
+        assert_eq!(ended.code, code, "{signal}: {ended:#?}");
+    }
+}
+
+/// Kills one role; the launcher must say which it was, end the others, and be resumable.
+fn a_role_dies(role: &str, name: &str) {
+    let cluster = Cluster::new();
+    let (mut training, children) = running(&cluster, short());
+    let victim = training.child(role);
+    let before = Instant::now();
+    victim.signal(Signal::SIGKILL);
+    let ended = ends_in_time(training, &children, before);
+    let says = format!("error: {name}: was ended by SIGKILL");
+    let advice = format!("hint: go on with `rondo resume {}`", cluster.path("run").display());
+    ended.fails_with(75, &[&says, &advice]);
+    cluster.resume("run").succeeds();
+    assert_eq!(cluster.digest("run"), undisturbed());
+}
+
+#[test]
+fn a_killed_agent_ends_the_run_by_name() {
+    a_role_dies("agent-1", "agent-1");
+}
+
+#[test]
+fn a_killed_env_server_ends_the_run_by_name() {
+    a_role_dies("env-server", "world");
+}
+
+#[test]
+fn a_killed_coordinator_ends_the_run_by_name() {
+    a_role_dies("coordinator", "coordinator");
+}
+
+#[test]
+fn a_role_that_hangs_does_not_keep_the_launcher_from_leaving() {
+    let cluster = Cluster::new();
+    let (mut training, children) = running(&cluster, endless());
+    let hanging = training.child("agent-0");
+    hanging.signal(Signal::SIGSTOP);
+    // The first asks for a round edge, which does not come without agent 0.
+    training.signal(Signal::SIGINT);
+    wait_until("an answer", || training.stderr().contains("stopping at the next round edge"));
+    // The second asks everybody to leave at once; who hangs does not hear it.
+    training.signal(Signal::SIGINT);
+    wait_until("the others to leave", || children.iter().all(|child| *child == hanging || !child.is_alive()));
+    assert!(hanging.is_alive() && training.is_alive());
+    // The third does not ask.
+    let before = Instant::now();
+    training.signal(Signal::SIGINT);
+    let ended = ends_in_time(training, &children, before);
+    assert_eq!(ended.code, Some(75), "{ended:#?}");
+}
+
+#[test]
+fn a_role_that_hangs_does_not_outlive_a_killed_launcher_either() {
+    let cluster = Cluster::new();
+    let (mut training, children) = running(&cluster, endless());
+    // It cannot notice by itself that the launcher is gone; the system wakes it up.
+    training.child("agent-0").signal(Signal::SIGSTOP);
+    let before = Instant::now();
+    training.signal(Signal::SIGKILL);
+    ends_in_time(training, &children, before);
+}
