@@ -6,7 +6,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant, SystemTime};
 
 use bus::{Event, Publisher};
-use process::{Failure, Role, Scalars};
+use process::{Failure, Ignored, Role, Scalars};
 use proto::codec::{decode, encode};
 use proto::control::{Join, Progress, Rates, RatesQuery, Seat};
 use proto::exit;
@@ -92,7 +92,7 @@ struct Agent<'a> {
     progress: Publisher,
     display: Scalars,
     seconds: Seconds,
-    ignored: u64,
+    ignored: Ignored,
     round: Round,
 }
 
@@ -130,7 +130,7 @@ impl<'a> Agent<'a> {
             timetable: Timetable::default(),
             unlogged,
             seconds: Seconds::default(),
-            ignored: 0,
+            ignored: Ignored::default(),
             round: Round {
                 observe: Observe::default(),
                 reply: Act::default(),
@@ -157,7 +157,7 @@ impl<'a> Agent<'a> {
                             break left;
                         }
                     }
-                    _ => self.ignore("a message on a key that says nothing to an agent"),
+                    _ => self.ignored.add("a message on a key that says nothing to an agent"),
                 },
                 Ok(Event::Gone { .. }) => {
                     (deadline, world_gone) = (Instant::now() + GRACE, true);
@@ -166,7 +166,7 @@ impl<'a> Agent<'a> {
                 // this agent, which then has to start again too.
                 Ok(Event::Alive { .. }) if world_gone => deadline = Instant::now() + 2 * GRACE,
                 Ok(Event::Alive { .. }) => deadline = Instant::now() + self.role.wait,
-                Ok(Event::Query(_)) => self.ignore("a question"),
+                Ok(Event::Query(_)) => self.ignored.add("a question"),
                 Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => break Left::Stopped,
                 Err(RecvTimeoutError::Timeout) => {
                     self.save()?;
@@ -179,22 +179,17 @@ impl<'a> Agent<'a> {
             role: "agent",
             update_calls: self.learner.update_calls(),
             seconds: self.seconds,
-            ignored_messages: self.ignored,
+            ignored_messages: self.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),
             traffic: self.role.traffic(),
         })?;
         Ok(left)
     }
 
-    fn ignore(&mut self, what: &str) {
-        self.ignored += 1;
-        tracing::warn!(agent = self.id, what, "ignored");
-    }
-
     fn hear_rates(&mut self, payload: &[u8]) {
         match decode::<Rates>(payload) {
             Ok(rates) => self.timetable.learn(rates),
-            Err(error) => self.ignore(&error.to_string()),
+            Err(error) => self.ignored.add(error),
         }
     }
 
@@ -205,7 +200,7 @@ impl<'a> Agent<'a> {
         let result = match decoded {
             Ok(()) => self.take_tick(&observe),
             Err(error) => {
-                self.ignore(&error.to_string());
+                self.ignored.add(error);
                 Ok(None)
             }
         };
@@ -225,8 +220,7 @@ impl<'a> Agent<'a> {
             return Ok(Some(if id.mode == Mode::Finished { Left::Finished } else { Left::Stopped }));
         }
         if !self.is_next(&id) || !self.fits(observe) {
-            self.ignored += 1;
-            tracing::debug!(agent = self.id, %id, "ignored a tick that is not the next one");
+            self.ignored.add(format_args!("{id} is not the next tick, or has other sizes than agreed"));
             return Ok(None);
         }
 
@@ -363,7 +357,8 @@ impl<'a> Agent<'a> {
     }
 
     fn abandoned(&self, world_gone: bool) -> Failure {
-        let (round, saved) = (self.learner.update_calls(), "its checkpoint is saved");
+        let round = self.learner.update_calls();
+        let saved = if round > 0 { "its checkpoint is saved" } else { "there is nothing to save yet" };
         let what = if world_gone {
             format!("the env-server has left run `{}` in round {round}", self.role.config.run)
         } else {

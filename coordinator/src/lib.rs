@@ -10,7 +10,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 
 use bus::Event;
-use process::{Failure, Role};
+use process::{Failure, Ignored, Role};
 use proto::codec::{decode, encode, WireError};
 use proto::config::Config;
 use proto::control::{Progress, Rates, RatesQuery};
@@ -61,6 +61,7 @@ pub fn run(role: Role) -> Result<(), Failure> {
     let _token = bus.announce(&keys.alive_coordinator())?;
 
     let mut team = Team::new(config.world.agents);
+    let mut ignored = Ignored::default();
     // The furthest update call that anybody has come to, and the first that nobody has been told of.
     let (mut foremost, mut published) = (0, 0);
     let deadline = Instant::now() + wait;
@@ -74,7 +75,7 @@ pub fn run(role: Role) -> Result<(), Failure> {
             Ok(Event::Message { key, payload }) => match (keys.parse(&key), decode::<Progress>(&payload)) {
                 (Some(Key::Progress(_)), Ok(progress)) => Some(progress.update_calls),
                 (_, refused) => {
-                    tracing::warn!(%key, ?refused, "ignored a message that says no progress");
+                    ignored.add(format_args!("no progress on `{key}`: {refused:?}"));
                     None
                 }
             },
@@ -86,12 +87,13 @@ pub fn run(role: Role) -> Result<(), Failure> {
                     }
                     // The last number there is has no schedule after it; no run gets there.
                     Err(error) => {
-                        tracing::warn!(key = %query.key, %error, "cannot answer a question about the schedule");
+                        ignored
+                            .add(format_args!("a question about the schedule that has no answer: {error}"));
                         None
                     }
                 },
                 Err(error) => {
-                    tracing::warn!(key = %query.key, %error, "ignored a question about the schedule");
+                    ignored.add(format_args!("a question on `{}`: {error}", query.key));
                     None
                 }
             },

@@ -4,7 +4,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
 use bus::{Event, Publisher};
-use process::Failure;
+use process::{Failure, Ignored};
 use proto::exit;
 use proto::keys::{Key, Keys};
 use proto::tick::TickId;
@@ -48,7 +48,7 @@ pub struct Team<'a> {
     pub stop: bool,
     pub seconds: Seconds,
     pub ticks: u64,
-    pub ignored: u64,
+    pub ignored: Ignored,
     messages: Vec<Vec<u8>>,
     answers: Vec<Vec<u16>>,
     answered: Vec<bool>,
@@ -77,7 +77,7 @@ impl<'a> Team<'a> {
             stop: false,
             seconds: Seconds::default(),
             ticks: 0,
-            ignored: 0,
+            ignored: Ignored::default(),
             messages: vec![Vec::new(); agents],
             answers: vec![Vec::new(); agents],
             answered: vec![false; agents],
@@ -158,11 +158,11 @@ impl<'a> Team<'a> {
             match self.events.recv_timeout(next.saturating_duration_since(Instant::now())) {
                 Ok(Event::Message { key, payload }) => match self.keys.parse(&key) {
                     Some(Key::Act(agent)) => self.hear(agent, &payload, id, copies),
-                    _ => self.ignored += 1,
+                    _ => self.ignored.add(format_args!("nothing is expected on `{key}`")),
                 },
                 Ok(Event::Query(query)) => match self.keys.parse(&query.key) {
                     Some(Key::Join(agent)) => self.seats.ask(agent, query),
-                    _ => self.ignored += 1,
+                    _ => self.ignored.add(format_args!("no question is expected on `{}`", query.key)),
                 },
                 Ok(Event::Alive { key }) => {
                     if let Some(Key::AliveAgent(agent)) = self.keys.parse(&key) {
@@ -201,7 +201,7 @@ impl<'a> Team<'a> {
     fn hear(&mut self, agent: u32, payload: &[u8], id: TickId, copies: Option<&Copies>) {
         let agent = agent as usize;
         if agent >= self.answered.len() {
-            self.ignored += 1;
+            self.ignored.add(format_args!("there is no agent {agent}"));
             return;
         }
         let complaint = match self.act.decode(payload) {
@@ -221,8 +221,7 @@ impl<'a> Team<'a> {
             }
         };
         if let Some(complaint) = complaint {
-            tracing::warn!(agent, %complaint, "ignored an answer");
-            self.ignored += 1;
+            self.ignored.add(format_args!("agent {agent}: {complaint}"));
             self.complaints[agent] = Some(complaint);
             return;
         }

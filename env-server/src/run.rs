@@ -300,7 +300,7 @@ impl Server<'_> {
             test_return_mean: self.edge.test_return_mean,
             best_test_return_mean: self.edge.best_test_return_mean,
             seconds: self.team.seconds,
-            ignored_messages: self.team.ignored,
+            ignored_messages: self.team.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),
             traffic: role.traffic(),
         })?;

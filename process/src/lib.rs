@@ -3,6 +3,7 @@
 
 mod arguments;
 mod failure;
+mod ignored;
 mod logs;
 mod memory;
 mod record;
@@ -12,6 +13,7 @@ mod watch;
 
 pub use arguments::Common;
 pub use failure::{exit_on_panic, parse_arguments, report, Failure};
+pub use ignored::Ignored;
 pub use logs::start_logs;
 pub use memory::peak_memory_bytes;
 pub use role::Role;

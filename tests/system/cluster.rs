@@ -195,6 +195,18 @@ impl Process {
         children
     }
 
+    /// The processes that it started, and those that these started.
+    pub fn descendants(&mut self) -> Vec<Member> {
+        let mut found = self.children();
+        let mut next = 0;
+        while let Some(member) = found.get(next) {
+            found.extend(Member::children_of(member.pid));
+            next += 1;
+        }
+        self.family.extend(found.iter().cloned());
+        found
+    }
+
     /// The process of one role: `env-server`, `coordinator` or `agent-0`, once it is there.
     pub fn child(&mut self, role: &str) -> Member {
         let mut found = None;

@@ -13,4 +13,5 @@ mod hosts;
 mod isolation;
 mod learning;
 mod resume;
+mod seeds;
 mod strangers;
