@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{channel, Sender};
+use std::sync::mpsc::{channel, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -30,6 +30,9 @@ const REPORT: &str = "error: ";
 /// A child that was asked to leave and does not is killed after this time.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
+/// Between two looks at children that are about to listen or to end.
+const LOOK_AGAIN: Duration = Duration::from_millis(5);
+
 /// Longest path of a Unix socket that the system takes, with room for the file's name.
 const LONGEST_SOCKET_FOLDER: usize = 80;
 
@@ -47,6 +50,12 @@ struct RunningChild {
     /// Closed when this process ends, however it ends: the child then leaves.
     _stdin: ChildStdin,
     ended: Arc<Mutex<bool>>,
+}
+
+impl RunningChild {
+    fn has_ended(&self) -> bool {
+        *self.ended.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl ChildProcesses {
@@ -89,9 +98,10 @@ impl ChildProcesses {
         drop(listening);
         let mut dial = Vec::new();
         while dial.len() < 2 {
-            // The channel closes when a child ends; its own message says why.
-            match endpoints.recv() {
+            match endpoints.recv_timeout(LOOK_AGAIN) {
                 Ok(endpoint) => dial.push(format!("--connect={endpoint}")),
+                Err(RecvTimeoutError::Timeout) if !roles.children.iter().any(RunningChild::has_ended) => {}
+                // A child has ended before it could be dialled; its own message says why.
                 Err(_) => return Ok(roles),
             }
         }
@@ -250,14 +260,12 @@ impl Roles for ChildProcesses {
         let all = 0..self.children.len();
         self.signal(all.clone(), Signal::SIGTERM);
         let deadline = Instant::now() + PATIENCE;
-        let all_ended =
-            || self.children.iter().all(|child| *child.ended.lock().unwrap_or_else(PoisonError::into_inner));
-        while !all_ended() {
+        while !self.children.iter().all(RunningChild::has_ended) {
             if Instant::now() >= deadline {
                 self.signal(all, Signal::SIGKILL);
                 break;
             }
-            thread::sleep(Duration::from_millis(5));
+            thread::sleep(LOOK_AGAIN);
         }
     }
 }

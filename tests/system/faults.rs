@@ -107,3 +107,14 @@ fn a_role_that_hangs_does_not_outlive_a_killed_launcher_either() {
     training.signal(Signal::SIGKILL);
     ends_in_time(training, &children, before);
 }
+
+#[test]
+fn a_role_that_cannot_start_ends_the_run_at_once() {
+    let cluster = Cluster::new();
+    let before = Instant::now();
+    // Fits the schedule, but not the world.
+    let team = ["--set=world.agents=3", "--set=schedule.levels=[0,1,1]"];
+    let ended = cluster.train("run", short(), team).wait();
+    ended.fails_with(78, &["error: world: `world.agents` is 3, but lbf-5x5-2p-1f has 2"]);
+    assert!(before.elapsed() < Duration::from_secs(20), "{:?}", before.elapsed());
+}
