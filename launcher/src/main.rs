@@ -65,6 +65,7 @@ enum Command {
 
 fn main() -> ExitCode {
     bus::use_one_runtime();
+    process::exit_on_panic();
     let cli = match process::parse_arguments::<Cli>() {
         Ok(cli) => cli,
         Err(code) => return code,

@@ -8,7 +8,7 @@ use proto::config::Config;
 use proto::exit;
 use store::RunFolder;
 
-use crate::{exit_on_panic, record, start_logs, watch, Failure, Role};
+use crate::{record, start_logs, watch, Failure, Role};
 
 /// The arguments of every role.
 #[derive(Debug, Clone, clap::Args)]
@@ -39,7 +39,6 @@ impl Common {
     /// # Errors
     /// Whatever is wrong with one of them.
     pub fn open(&self, role: &str, listen: Vec<String>, connect: Vec<String>) -> Result<Role, Failure> {
-        exit_on_panic();
         if self.with_launcher {
             watch::leave_with_launcher();
         }

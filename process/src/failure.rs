@@ -80,10 +80,15 @@ pub fn parse_arguments<T: clap::Parser>() -> Result<T, ExitCode> {
 }
 
 /// A panic anywhere is a bug: say so and end the process with [`exit::BUG`], so that no thread waits for
-/// one that is gone.
+/// one that is gone. The exception is `println!` to a reader that has left, as in `rondo tasks | head`:
+/// what it wanted to read it has read.
 pub fn exit_on_panic() {
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
+        let text = panic.payload().downcast_ref::<String>().map_or("", String::as_str);
+        if text.starts_with("failed printing to stdout") && text.contains("Broken pipe") {
+            std::process::exit(exit::DONE.into());
+        }
         tell(panic);
         eprintln!(
             "error: this is a bug in rondo; the last checkpoint is intact, `rondo resume` goes on from it"

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::net::TcpListener;
+use std::process::Stdio;
 
 use crate::cluster::{experiment, rondo, short, undisturbed, wait_until, Cluster, Ended, Process};
 use crate::hosts::Hosts;
@@ -288,4 +289,15 @@ fn an_agent_that_leaves_is_named_by_the_env_server() {
     // Everybody started again goes on from what all hold.
     let servers = [hosts.start_env_server(&[]), hosts.start_coordinator(&[])];
     finishes(&hosts, servers);
+}
+
+#[test]
+fn a_reader_that_leaves_early_is_no_error() {
+    let mut command = rondo();
+    command.arg("tasks").stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("it starts");
+    // Nobody reads.
+    drop(child.stdout.take());
+    let ended = child.wait_with_output().expect("it ends");
+    assert_eq!((ended.status.code(), ended.stderr.as_slice()), (Some(0), [].as_slice()));
 }
