@@ -144,14 +144,15 @@ impl<'a> Agent<'a> {
     fn live(&mut self) -> Result<Left, Failure> {
         let mut started: Option<Instant> = None;
         let mut deadline = Instant::now() + self.role.wait;
-        let mut world_gone = false;
+        let (mut world_gone, mut last_chance) = (false, false);
         let left = loop {
             match self.role.events.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
                 Ok(Event::Message { key, payload }) => match self.role.keys.parse(&key) {
                     Some(Key::Schedule) => self.hear_rates(&payload),
                     Some(Key::Observe(_)) => {
                         let started = started.get_or_insert_with(Instant::now);
-                        (deadline, world_gone) = (Instant::now() + self.role.wait, false);
+                        deadline = Instant::now() + self.role.wait;
+                        (world_gone, last_chance) = (false, false);
                         if let Some(left) = self.hear_tick(&payload)? {
                             self.seconds.total = started.elapsed().as_secs_f64();
                             break left;
@@ -168,6 +169,10 @@ impl<'a> Agent<'a> {
                 Ok(Event::Alive { .. }) => deadline = Instant::now() + self.role.wait,
                 Ok(Event::Query(_)) => self.ignored.add("a question"),
                 Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => break Left::Stopped,
+                // Perhaps it was this process that was stopped: the env-server repeats its tick every second.
+                Err(RecvTimeoutError::Timeout) if !world_gone && !last_chance => {
+                    (deadline, last_chance) = (Instant::now() + GRACE, true);
+                }
                 Err(RecvTimeoutError::Timeout) => {
                     self.save()?;
                     return Err(self.abandoned(world_gone));

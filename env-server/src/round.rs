@@ -149,12 +149,14 @@ impl<'a> Team<'a> {
     /// running rows.
     fn wait_for_answers(&mut self, id: TickId, copies: Option<&Copies>) -> Result<(), Interrupted> {
         self.answered.fill(false);
-        let start = Instant::now();
-        let mut send_again = start + SEND_AGAIN;
+        let mut send_again = Instant::now() + SEND_AGAIN;
+        // Silence is counted in repetitions without an answer, not by the clock: while this process itself
+        // is stopped, or its host asleep, nobody can answer.
+        let mut repetitions = 0;
         while self.answered.contains(&false) {
-            let deadline = start + self.patience;
-            let next =
-                self.seats.next_loss(GRACE).map_or(send_again.min(deadline), |loss| loss.min(send_again));
+            // Whoever has answered may leave.
+            let loss = self.seats.next_loss(GRACE, |agent| !self.answered[agent]);
+            let next = loss.map_or(send_again, |(_, when)| when.min(send_again));
             match self.events.recv_timeout(next.saturating_duration_since(Instant::now())) {
                 Ok(Event::Message { key, payload }) => match self.keys.parse(&key) {
                     Some(Key::Act(agent)) => self.hear(agent, &payload, id, copies),
@@ -177,14 +179,14 @@ impl<'a> Team<'a> {
                 Ok(Event::Stop) if self.stop => return Err(Interrupted::Aborted),
                 Ok(Event::Stop) => self.stop = true,
                 Err(RecvTimeoutError::Timeout) => {
-                    // Whoever has answered the closing message may leave.
-                    if let Some(agent) = self.seats.lost(GRACE).filter(|&agent| !self.answered[agent]) {
+                    if let Some((agent, _)) = loss.filter(|(_, when)| Instant::now() >= *when) {
                         return Err(Interrupted::Failed(self.has_left(agent, id)));
                     }
-                    if Instant::now() >= deadline {
-                        return Err(Interrupted::Failed(self.is_silent(id)));
-                    }
                     if Instant::now() >= send_again {
+                        repetitions += 1;
+                        if SEND_AGAIN * repetitions >= self.patience {
+                            return Err(Interrupted::Failed(self.is_silent(id)));
+                        }
                         send_again = Instant::now() + SEND_AGAIN;
                         for agent in (0..self.answered.len()).filter(|&agent| !self.answered[agent]) {
                             self.observe[agent].send(&self.messages[agent])?;

@@ -1,7 +1,7 @@
 //! The run from the first seat to the last word: rounds, tests, checkpoints, close.
 
 use std::sync::mpsc::RecvTimeoutError;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use bus::Event;
 use process::{Failure, Role, Scalars};
@@ -146,7 +146,8 @@ fn take_in(
             }
             Err(RecvTimeoutError::Timeout) => return Err(did_not_join(seats, missing, role)),
         }
-        if let Some(id) = seats.lost(GRACE) {
+        // Nothing has begun: who leaves now does not come back as the same process.
+        if let Some((id, _)) = seats.next_loss(Duration::ZERO, |_| true) {
             let text = format!("agent {id} has left run `{run}` before it began\nhint: look at its log");
             return Err(Failure::new(exit::AGAIN, text));
         }

@@ -137,14 +137,11 @@ impl Seats {
         }
     }
 
-    /// The first agent that has been gone for longer than `grace`.
-    pub fn lost(&self, grace: Duration) -> Option<usize> {
-        self.seats.iter().position(|seat| seat.gone_since.is_some_and(|since| since.elapsed() >= grace))
-    }
-
-    /// When [`Seats::lost`] would next find somebody.
-    pub fn next_loss(&self, grace: Duration) -> Option<Instant> {
-        self.seats.iter().filter_map(|seat| seat.gone_since).map(|since| since + grace).min()
+    /// Of the agents that are waited for and gone, the one that has been so for longest, and when its
+    /// `grace` ends.
+    pub fn next_loss(&self, grace: Duration, waited_for: impl Fn(usize) -> bool) -> Option<(usize, Instant)> {
+        let gone = self.seats.iter().enumerate().filter(|(id, _)| waited_for(*id));
+        gone.filter_map(|(id, seat)| Some((id, seat.gone_since? + grace))).min_by_key(|(_, when)| *when)
     }
 }
 

@@ -52,6 +52,20 @@ fn an_agent_that_stands_still_for_three_seconds_changes_nothing() {
     assert_eq!(cluster.digest("run"), undisturbed());
 }
 
+#[test]
+fn a_run_that_was_asleep_for_longer_than_its_patience_goes_on() {
+    let cluster = Cluster::new();
+    let mut training = cluster.train("run", short(), ["--wait=2"]);
+    cluster.run("run").reaches(3_000);
+    let children = training.children();
+    children.iter().for_each(|child| child.signal(Signal::SIGSTOP));
+    let stopped = Instant::now();
+    wait_until("four seconds to pass", || stopped.elapsed() >= Duration::from_secs(4));
+    children.iter().for_each(|child| child.signal(Signal::SIGCONT));
+    training.succeeds();
+    assert_eq!(cluster.digest("run"), undisturbed());
+}
+
 fn parsed(line: &str) -> serde_json::Value {
     serde_json::from_str(line).expect("a digest is JSON")
 }
