@@ -14,8 +14,9 @@ use serde_json::Value;
 use store::RunFolder;
 
 use crate::display::Show;
-use crate::drive::{drive, Ended, Options, Place, Transport};
+use crate::drive::{drive, Options, Place};
 use crate::experiment::Experiment;
+use crate::roles::{Ended, Transport};
 
 /// The training cases of each suite: task and environment copies.
 const SUITES: [(&str, &[(&str, u32)]); 2] =

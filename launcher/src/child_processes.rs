@@ -18,8 +18,7 @@ use proto::exit;
 use store::RunFolder;
 use tempfile::TempDir;
 
-use crate::display::listen;
-use crate::drive::{Ended, News, Roles, Transport};
+use crate::roles::{listen, Ended, News, Roles, Transport};
 
 /// How many of a child's last lines are worth telling.
 const LAST_WORDS: usize = 8;

@@ -1,51 +1,14 @@
 //! What a person sees while a run goes on: one live display on a terminal, plain lines elsewhere.
 
 use std::io::IsTerminal;
-use std::sync::mpsc::{channel, Sender};
 use std::time::{Duration, Instant};
 
-use bus::{Bus, Event};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use process::Failure;
-use proto::codec::decode;
 use proto::config::Config;
 use proto::control::Metrics;
-use proto::exit;
-use proto::keys::{Key, Keys};
-
-use crate::drive::News;
 
 /// Between plain lines, when there is no new test result.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
-
-/// Passes on the scalars that roles publish, for as long as the caller keeps `bus`.
-///
-/// # Errors
-/// If the bus refuses the subscriptions.
-pub fn listen(bus: &dyn Bus, config: &Config, news: Sender<News>) -> Result<(), Failure> {
-    let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
-    let (inbox, events) = channel();
-    let guards = [
-        bus.subscribe(&keys.any_agent_metrics(), inbox.clone())?,
-        bus.subscribe(&keys.world_metrics(), inbox)?,
-    ];
-    std::thread::spawn(move || {
-        let _kept = guards;
-        while let Ok(event) = events.recv() {
-            let Event::Message { key, payload } = event else { continue };
-            let agent = match keys.parse(&key) {
-                Some(Key::AgentMetrics(agent)) => Some(agent),
-                _ => None,
-            };
-            // Whatever is no scalar is not shown; nothing depends on it.
-            let Ok(metrics) = decode::<Metrics>(&payload) else { continue };
-            if news.send(News::Scalars { agent, metrics }).is_err() {
-                break;
-            }
-        }
-    });
-    Ok(())
-}
 
 /// How much to show while a run goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

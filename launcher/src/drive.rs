@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use process::Failure;
 use proto::config::Config;
-use proto::control::Metrics;
 use proto::exit;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -16,6 +15,7 @@ use crate::child_processes::ChildProcesses;
 use crate::display::{Display, Show};
 use crate::in_process::InProcess;
 use crate::one_at_a_time;
+use crate::roles::{Ended, News, Roles, Transport};
 use crate::summary::{self, Summary};
 
 /// Where the roles run.
@@ -25,44 +25,6 @@ pub enum Place {
     Processes(Transport),
     /// All as threads of this process, on a bus in memory.
     InProcess,
-}
-
-/// How processes on one machine reach each other.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Transport {
-    /// Unix sockets in the run folder
-    Unix,
-    /// TCP on 127.0.0.1
-    Tcp,
-}
-
-/// How a run ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ended {
-    /// The budget is used.
-    Finished,
-    /// Stopped by a signal; it can be resumed.
-    Stopped,
-}
-
-/// What the driver hears while roles run.
-pub enum News {
-    /// Scalars for the display; `agent` is none for the env-server.
-    Scalars { agent: Option<u32>, metrics: Metrics },
-    /// A role has said something for people, such as a warning.
-    Said { role: String, line: String },
-    /// A role has ended, well or with its exit code and last words.
-    Ended { role: String, result: Result<Ended, Failure> },
-    /// A signal for this process.
-    Signal,
-}
-
-/// The roles of a run, wherever they are.
-pub trait Roles {
-    /// Asks the run to stop at the next round edge.
-    fn stop(&mut self);
-    /// Ends whatever is left, now.
-    fn abandon(&mut self);
 }
 
 /// How to show and run it.

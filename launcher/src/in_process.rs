@@ -10,8 +10,7 @@ use process::{Failure, Role};
 use proto::config::Config;
 use store::RunFolder;
 
-use crate::display::listen;
-use crate::drive::{Ended, News, Roles};
+use crate::roles::{listen, Ended, News, Roles};
 
 /// Roles running as threads.
 pub struct InProcess {

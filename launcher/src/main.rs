@@ -9,6 +9,7 @@ mod in_process;
 mod look;
 mod one_at_a_time;
 mod replay;
+mod roles;
 mod summary;
 mod sweep;
 mod train;

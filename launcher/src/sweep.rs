@@ -12,24 +12,21 @@ use nix::unistd::Pid;
 use process::Failure;
 use proto::exit;
 
-use crate::train::Train;
-
-/// Trains `train.seeds` seeds below `out`; the first failure stops the rest.
+/// Trains these seeds below `out`, `jobs` of them side by side; the first failure stops the rest.
 ///
 /// # Errors
 /// If a seed fails or cannot be started.
-pub fn run(train: &Train, out: &Path) -> Result<ExitCode, Failure> {
+pub fn run(seeds: &[u64], jobs: usize, out: &Path) -> Result<ExitCode, Failure> {
     let io = |error: std::io::Error| Failure::new(exit::IO, format!("cannot start a seed: {error}"));
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone()).map_err(io)?;
     }
-    let mut waiting: Vec<u64> =
-        (0..u64::from(train.seeds)).map(|k| train.experiment.seed.wrapping_add(k)).rev().collect();
+    let mut waiting: Vec<u64> = seeds.iter().rev().copied().collect();
     let mut running: Vec<(u64, Child)> = Vec::new();
     let mut worst = exit::DONE;
     loop {
-        while worst == exit::DONE && running.len() < train.jobs as usize {
+        while worst == exit::DONE && running.len() < jobs {
             let Some(seed) = waiting.pop() else { break };
             eprintln!("seed {seed}: {}", out.join(format!("seed-{seed}")).display());
             running.push((seed, start(seed, out).map_err(io)?));

@@ -10,8 +10,9 @@ use proto::exit;
 use store::RunFolder;
 
 use crate::display::Show;
-use crate::drive::{drive, Ended, Options, Place, Transport};
+use crate::drive::{drive, Options, Place};
 use crate::experiment::Experiment;
+use crate::roles::{Ended, Transport};
 use crate::sweep;
 
 /// Where runs go without `--out`.
@@ -82,7 +83,9 @@ impl Train {
             // Mistakes are found before the first seed starts.
             let config = self.experiment.configure("check")?;
             let out = self.out.clone().unwrap_or_else(|| fresh(&format!("{}-{algo}", config.world.task)));
-            return sweep::run(self, &out);
+            let first = self.experiment.seed;
+            let seeds: Vec<u64> = (0..self.seeds).map(|k| first.wrapping_add(k.into())).collect();
+            return sweep::run(&seeds, self.jobs as usize, &out);
         }
         // The name needs the task's canonical spelling.
         let config = self.experiment.configure("run")?;

@@ -1,0 +1,78 @@
+//! What a run's roles tell the launcher and can be told by it, wherever they run.
+
+use std::sync::mpsc::{channel, Sender};
+
+use bus::{Bus, Event};
+use process::Failure;
+use proto::codec::decode;
+use proto::config::Config;
+use proto::control::Metrics;
+use proto::exit;
+use proto::keys::{Key, Keys};
+
+/// How processes on one machine reach each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Transport {
+    /// Unix sockets in the run folder
+    Unix,
+    /// TCP on 127.0.0.1
+    Tcp,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ended {
+    /// The budget is used.
+    Finished,
+    /// Stopped by a signal; it can be resumed.
+    Stopped,
+}
+
+/// What the driver hears while roles run.
+pub enum News {
+    /// Scalars for the display; `agent` is none for the env-server.
+    Scalars { agent: Option<u32>, metrics: Metrics },
+    /// A role has said something for people, such as a warning.
+    Said { role: String, line: String },
+    /// A role has ended, well or with its exit code and last words.
+    Ended { role: String, result: Result<Ended, Failure> },
+    /// A signal for this process.
+    Signal,
+}
+
+/// The roles of a run, wherever they are.
+pub trait Roles {
+    /// Asks the run to stop at the next round edge.
+    fn stop(&mut self);
+    /// Ends whatever is left, now.
+    fn abandon(&mut self);
+}
+
+/// Passes on the scalars that roles publish, for as long as the caller keeps `bus`.
+///
+/// # Errors
+/// If the bus refuses the subscriptions.
+pub fn listen(bus: &dyn Bus, config: &Config, news: Sender<News>) -> Result<(), Failure> {
+    let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
+    let (inbox, events) = channel();
+    let guards = [
+        bus.subscribe(&keys.any_agent_metrics(), inbox.clone())?,
+        bus.subscribe(&keys.world_metrics(), inbox)?,
+    ];
+    std::thread::spawn(move || {
+        let _kept = guards;
+        while let Ok(event) = events.recv() {
+            let Event::Message { key, payload } = event else { continue };
+            let agent = match keys.parse(&key) {
+                Some(Key::AgentMetrics(agent)) => Some(agent),
+                _ => None,
+            };
+            // Whatever is no scalar is not shown; nothing depends on it.
+            let Ok(metrics) = decode::<Metrics>(&payload) else { continue };
+            if news.send(News::Scalars { agent, metrics }).is_err() {
+                break;
+            }
+        }
+    });
+    Ok(())
+}
