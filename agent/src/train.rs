@@ -286,7 +286,14 @@ impl<'a> Agent<'a> {
     /// The update call that ends a round, and what follows from it.
     fn learn(&mut self, t_env_before: u64) -> Result<(), Failure> {
         let update_call = self.learner.update_calls();
-        let rates = self.rates(update_call)?;
+        let rates = match self.rates(update_call) {
+            Ok(rates) => rates,
+            Err(failure) => {
+                // The update call has not begun: this is still the edge before it.
+                self.save()?;
+                return Err(failure);
+            }
+        };
         let lr = rates.rate_of(self.id).ok_or_else(|| {
             let text = format!("the schedule has {} agents and none with id {}", rates.levels.len(), self.id);
             Failure::new(exit::CONFIG, text)

@@ -87,6 +87,7 @@ pub fn run(role: Role) -> Result<Closed, Failure> {
     let mut server = Server {
         display: Scalars::new(bus.best_effort_publisher(&keys.world_metrics())?),
         metrics: folder.metrics(position)?,
+        row_missing: false,
         folder,
         config,
         epoch,
@@ -188,12 +189,15 @@ struct Server<'a> {
     testing: Copies,
     team: Team<'a>,
     metrics: MetricsWriter,
+    /// A row that is due could not be written. The present edge counts it as written, so a run that went
+    /// on from here would lack it: nothing is saved any more.
+    row_missing: bool,
     display: Scalars,
 }
 
 impl Server<'_> {
     /// Plays rounds until the end of the budget, a request to stop, or a failure; in every case the last
-    /// edge is saved and everybody who can be reached is told.
+    /// edge is saved, if it can be, and everybody who can be reached is told.
     fn rounds(&mut self) -> Result<Closed, Failure> {
         let start = Instant::now();
         let played = self.play_on();
@@ -271,7 +275,9 @@ impl Server<'_> {
 
     fn write(&mut self, row: &Row) -> Result<(), Failure> {
         let start = Instant::now();
+        self.row_missing = true;
         self.metrics.append(row)?;
+        self.row_missing = false;
         self.team.seconds.disk += start.elapsed().as_secs_f64();
         Ok(())
     }
@@ -279,7 +285,7 @@ impl Server<'_> {
     /// Saves the present round edge, unless that has been done. An edge between a round and its test is
     /// the same edge: a run that goes on from it plays the test first.
     fn save(&mut self) -> Result<(), Failure> {
-        if self.saved == Some(self.edge.round) || self.edge.round == 0 {
+        if self.saved == Some(self.edge.round) || self.edge.round == 0 || self.row_missing {
             return Ok(());
         }
         let start = Instant::now();

@@ -2,7 +2,8 @@
 
 use std::process::Command;
 
-use crate::cluster::{rondo, short, undisturbed, Cluster, Process};
+use crate::cluster::{role, rondo, short, undisturbed, Cluster, Process};
+use crate::hosts::Hosts;
 
 /// In a mount namespace of its own: a small disk, a run on it, and a file that takes what is left of it as
 /// soon as there is a checkpoint. Then the file goes and the run is resumed.
@@ -46,4 +47,34 @@ fn a_full_disk_ends_the_run_with_its_checkpoints_intact() {
     }
     let resumed = ended.stdout.split("code 0\n").nth(1).unwrap_or_else(|| panic!("not resumed: {ended:#?}"));
     assert_eq!(resumed, undisturbed());
+}
+
+/// No file of this process may grow beyond 2 KiB: room for a checkpoint of the env-server, which has no
+/// weights, but not for all of its metric rows.
+const SMALL_FILES: &str = r#"trap '' XFSZ; ulimit -f 4; exec "$@""#;
+
+#[test]
+fn an_edge_whose_metric_row_could_not_be_written_is_not_saved() {
+    let hosts = Hosts::new(short());
+    let mut command = Command::new("sh");
+    command.args(["-c", SMALL_FILES, "sh"]).arg(role("rondo-env-server").get_program());
+    command.arg("--config").arg(hosts.cluster.path("config.toml")).arg("--out").arg(hosts.folder("world"));
+    command.args(["--listen", &hosts.world]);
+    let world = Process::start(command);
+    let others = [hosts.start_coordinator(&[]), hosts.start_agent(0, &[]), hosts.start_agent(1, &[])];
+    world.wait().fails_with(74, &["File too large"]);
+    for other in others {
+        other.wait();
+    }
+
+    let everybody = [
+        hosts.start_env_server(&[]),
+        hosts.start_coordinator(&[]),
+        hosts.start_agent(0, &[]),
+        hosts.start_agent(1, &[]),
+    ];
+    for process in everybody {
+        process.succeeds();
+    }
+    assert_eq!(hosts.merged_digest(), undisturbed());
 }
