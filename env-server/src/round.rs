@@ -157,27 +157,18 @@ impl<'a> Team<'a> {
             // Whoever has answered may leave.
             let loss = self.seats.next_loss(GRACE, |agent| !self.answered[agent]);
             let next = loss.map_or(send_again, |(_, when)| when.min(send_again));
-            match self.events.recv_timeout(next.saturating_duration_since(Instant::now())) {
-                Ok(Event::Message { key, payload }) => match self.keys.parse(&key) {
+            let event = self.events.recv_timeout(next.saturating_duration_since(Instant::now()));
+            match event.map(|event| self.seats.hear(&self.keys, event)) {
+                Ok(Some(Event::Message { key, payload })) => match self.keys.parse(&key) {
                     Some(Key::Act(agent)) => self.hear(agent, &payload, id, copies),
                     _ => self.ignored.add(format_args!("nothing is expected on `{key}`")),
                 },
-                Ok(Event::Query(query)) => match self.keys.parse(&query.key) {
-                    Some(Key::Join(agent)) => self.seats.ask(agent, query),
-                    _ => self.ignored.add(format_args!("no question is expected on `{}`", query.key)),
-                },
-                Ok(Event::Alive { key }) => {
-                    if let Some(Key::AliveAgent(agent)) = self.keys.parse(&key) {
-                        self.seats.came(agent);
-                    }
+                Ok(Some(Event::Query(query))) => {
+                    self.ignored.add(format_args!("no question is expected on `{}`", query.key));
                 }
-                Ok(Event::Gone { key }) => {
-                    if let Some(Key::AliveAgent(agent)) = self.keys.parse(&key) {
-                        self.seats.went(agent);
-                    }
-                }
-                Ok(Event::Stop) if self.stop => return Err(Interrupted::Aborted),
-                Ok(Event::Stop) => self.stop = true,
+                Ok(Some(Event::Stop)) if self.stop => return Err(Interrupted::Aborted),
+                Ok(Some(Event::Stop)) => self.stop = true,
+                Ok(_) => {}
                 Err(RecvTimeoutError::Timeout) => {
                     if let Some((agent, _)) = loss.filter(|(_, when)| Instant::now() >= *when) {
                         return Err(Interrupted::Failed(self.has_left(agent, id)));

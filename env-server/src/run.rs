@@ -8,7 +8,6 @@ use process::{Failure, Role, Scalars};
 use proto::config::Config;
 use proto::control::Seat;
 use proto::exit;
-use proto::keys::Key;
 use proto::tick::TickId;
 use proto::Mode;
 use serde::{Deserialize, Serialize};
@@ -123,29 +122,17 @@ fn take_in(
 ) -> Result<(), Failure> {
     let (keys, run) = (&role.keys, &role.config.run);
     while !missing(seats).is_empty() {
-        match role.events.recv_timeout(deadline.saturating_duration_since(Instant::now())) {
-            Ok(Event::Query(query)) => match keys.parse(&query.key) {
-                Some(Key::Join(id)) => seats.ask(id, query),
-                _ => tracing::warn!(key = %query.key, "ignored a question"),
-            },
-            Ok(Event::Alive { key }) => {
-                if let Some(Key::AliveAgent(id)) = keys.parse(&key) {
-                    seats.came(id);
-                }
-            }
-            Ok(Event::Gone { key }) => {
-                if let Some(Key::AliveAgent(id)) = keys.parse(&key) {
-                    seats.went(id);
-                }
-            }
-            Ok(Event::Message { .. }) => {}
-            Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => {
+        let event = role.events.recv_timeout(deadline.saturating_duration_since(Instant::now()));
+        match event.map(|event| seats.hear(keys, event)) {
+            Ok(Some(Event::Query(query))) => tracing::warn!(key = %query.key, "ignored a question"),
+            Ok(Some(Event::Stop)) | Err(RecvTimeoutError::Disconnected) => {
                 return Err(Failure::new(
                     exit::AGAIN,
                     format!("run `{run}` was stopped before everybody had joined"),
                 ));
             }
             Err(RecvTimeoutError::Timeout) => return Err(did_not_join(seats, missing, role)),
+            Ok(_) => {}
         }
         // Nothing has begun: who leaves now does not come back as the same process.
         if let Some((id, _)) = seats.next_loss(Duration::ZERO, |_| true) {

@@ -2,10 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use bus::Query;
+use bus::{Event, Query};
 use proto::codec::{decode, encode, WireError};
 use proto::config::Config;
 use proto::control::{Join, Refusal, Seat, Welcome};
+use proto::keys::{Key, Keys};
 
 /// The seats of the team, before and during the run.
 pub struct Seats {
@@ -35,9 +36,27 @@ impl Seats {
         Self { digest: config.digest(), seats, own_rounds, granted: None, closing: false }
     }
 
+    /// Takes in what is about seats: requests to join, and agents' tokens coming and going. Gives back
+    /// every other event.
+    pub fn hear(&mut self, keys: &Keys, event: Event) -> Option<Event> {
+        let key = match &event {
+            Event::Query(Query { key, .. }) | Event::Alive { key } | Event::Gone { key } => keys.parse(key),
+            Event::Message { .. } | Event::Stop => None,
+        };
+        match (event, key) {
+            (Event::Query(query), Some(Key::Join(id))) => self.ask(id, query),
+            (Event::Alive { .. }, Some(Key::AliveAgent(id))) => self.came(id),
+            (Event::Gone { .. }, Some(Key::AliveAgent(id))) => self.went(id),
+            // The other tokens of the run, the env-server's own among them.
+            (Event::Alive { .. } | Event::Gone { .. }, _) => {}
+            (other, _) => return Some(other),
+        }
+        None
+    }
+
     /// Takes in a request to join seat `id`: refuses it, holds it until the team is complete, or, when it
     /// is complete, answers it.
-    pub fn ask(&mut self, id: u32, query: Query) {
+    fn ask(&mut self, id: u32, query: Query) {
         match self.admit(id, &query.payload) {
             Err(refusal) => {
                 tracing::warn!(agent = id, %refusal, "refused a seat");
@@ -124,14 +143,14 @@ impl Seats {
     }
 
     /// The token of an agent has appeared.
-    pub fn came(&mut self, id: u32) {
+    fn came(&mut self, id: u32) {
         if let Some(seat) = self.seats.get_mut(id as usize) {
             (seat.present, seat.gone_since) = (true, None);
         }
     }
 
     /// The token of an agent has vanished.
-    pub fn went(&mut self, id: u32) {
+    fn went(&mut self, id: u32) {
         if let Some(seat) = self.seats.get_mut(id as usize) {
             (seat.present, seat.gone_since) = (false, Some(Instant::now()));
         }

@@ -10,13 +10,13 @@ use algos::kernels::gemm::{product, Matrix};
 use process::Failure;
 use proto::exit;
 use serde::Serialize;
-use serde_json::Value;
 use store::RunFolder;
 
 use crate::display::Show;
 use crate::drive::{drive, Options, Place};
-use crate::experiment::Experiment;
+use crate::experiment::{unknown, Experiment};
 use crate::roles::{Ended, Transport};
+use crate::summary::Summary;
 
 /// The training cases of each suite: task and environment copies.
 const SUITES: [(&str, &[(&str, u32)]); 2] =
@@ -76,14 +76,8 @@ struct Machine {
 impl Bench {
     pub fn run(&self) -> Result<(), Failure> {
         let names: Vec<&str> = SUITES.iter().map(|(name, _)| *name).collect();
-        let cases = SUITES.iter().find(|(name, _)| *name == self.suite).map(|(_, cases)| *cases).ok_or_else(
-            || {
-                let nearest = proto::suggest::nearest(&self.suite, names.iter().copied());
-                let hint = nearest.map_or(String::new(), |name| format!("; did you mean `{name}`?"));
-                let text = format!("unknown suite `{}`: expected {}{hint}", self.suite, names.join(", "));
-                Failure::new(exit::CONFIG, text)
-            },
-        )?;
+        let suite = SUITES.iter().find(|(name, _)| *name == self.suite);
+        let (_, cases) = suite.ok_or_else(|| unknown(&self.suite, "suite", &names))?;
         if self.runs == 0 || self.steps == 0 {
             return Err(Failure::new(exit::USAGE, "`--runs` and `--steps` are counted from 1"));
         }
@@ -109,7 +103,7 @@ impl Bench {
             "MB/server"
         );
         let mut all = Vec::new();
-        for &(task, copies) in cases {
+        for &(task, copies) in *cases {
             for place in [Place::Processes(Transport::Unix), Place::InProcess] {
                 let case = self.measure(task, copies, place)?;
                 println!("{case}");
@@ -153,14 +147,15 @@ impl Bench {
             }
             runs.push(summary);
         }
-        let of = |f: &dyn Fn(&crate::summary::Summary) -> f64| spread(runs.iter().map(f).collect());
-        let world = |name: &'static str| of(&|run| seconds(run, "world", name) / training(run)).median;
+        let of = |f: &dyn Fn(&Summary) -> f64| spread(runs.iter().map(f).collect());
+        let world =
+            |name: &'static str| of(&|run| run.seconds("world", name) / run.training_seconds()).median;
         let inference = of(&|run| {
             let agents = run.roles.keys().filter(|role| role.starts_with("agent"));
-            agents.map(|agent| seconds(run, agent, "inference")).fold(0.0, f64::max) / training(run)
+            agents.map(|agent| run.seconds(agent, "inference")).fold(0.0, f64::max) / run.training_seconds()
         });
         let memory = |role: &'static str| {
-            let of_role = |run: &crate::summary::Summary| run.roles[role]["peak_memory_bytes"].as_f64();
+            let of_role = |run: &Summary| run.roles[role]["peak_memory_bytes"].as_f64();
             let known: Option<Vec<f64>> = runs.iter().map(of_role).collect();
             known.map(|bytes| spread(bytes).median / 1e6).filter(|_| place != Place::InProcess)
         };
@@ -169,8 +164,10 @@ impl Bench {
             copies,
             place: if place == Place::InProcess { "in-process" } else { "processes" },
             env_steps_per_second: of(&|run| run.env_steps_per_second),
-            ticks_per_second: of(&|run| run.roles["world"]["ticks"].as_f64().unwrap_or(0.0) / training(run))
-                .median,
+            ticks_per_second: of(&|run| {
+                run.roles["world"]["ticks"].as_f64().unwrap_or(0.0) / run.training_seconds()
+            })
+            .median,
             update: world("updates"),
             inference: inference.median,
             bus: (world("actions") - inference.median).max(0.0),
@@ -180,15 +177,6 @@ impl Bench {
             env_server_memory_mb: memory("world"),
         })
     }
-}
-
-fn seconds(run: &crate::summary::Summary, role: &str, name: &str) -> f64 {
-    run.roles.get(role).and_then(|role: &Value| role["seconds"][name].as_f64()).unwrap_or(0.0)
-}
-
-/// Seconds of training, tests not counted.
-fn training(run: &crate::summary::Summary) -> f64 {
-    seconds(run, "world", "total") - seconds(run, "world", "tests")
 }
 
 fn spread(mut values: Vec<f64>) -> Spread {

@@ -77,7 +77,7 @@ impl Experiment {
         let mut config = presets::config(run, task.name(), agents, name, family);
         config.seed = self.seed;
         presets::apply_profile(&mut config.algo, profile, family);
-        self.rates(&mut config, name)?;
+        self.choose_rates(&mut config, name);
         if let Some(period) = &self.switch_period {
             config.schedule.switch_period = period.parse::<Period>().map_err(|e| usage(&e))?;
         }
@@ -98,7 +98,7 @@ impl Experiment {
         Ok(config)
     }
 
-    fn rates(&self, config: &mut Config, name: AlgoName) -> Result<(), Failure> {
+    fn choose_rates(&self, config: &mut Config, name: AlgoName) {
         let rates = &mut config.schedule.rates;
         match (name, self.lr_fast, self.lr_slow) {
             // One rate for all: either option says it.
@@ -110,17 +110,19 @@ impl Experiment {
                 }
             }
         }
-        Ok(())
     }
 }
 
 /// A choice by name, with the nearest known one in the error.
 fn named<T: std::str::FromStr>(text: &str, what: &str, known: &[&str]) -> Result<T, Failure> {
-    text.parse().map_err(|_| {
-        let nearest = proto::suggest::nearest(text, known.iter().copied());
-        let hint = nearest.map_or(String::new(), |name| format!("; did you mean `{name}`?"));
-        Failure::new(exit::CONFIG, format!("unknown {what} `{text}`: expected {}{hint}", known.join(", ")))
-    })
+    text.parse().map_err(|_| unknown(text, what, known))
+}
+
+/// Somebody wrote a name that stands for nothing: which ones there are, and the nearest of them.
+pub fn unknown(text: &str, what: &str, known: &[&str]) -> Failure {
+    let nearest = proto::suggest::nearest(text, known.iter().copied());
+    let hint = nearest.map_or(String::new(), |name| format!("; did you mean `{name}`?"));
+    Failure::new(exit::CONFIG, format!("unknown {what} `{text}`: expected {}{hint}", known.join(", ")))
 }
 
 /// Applies `KEY=VALUE` settings; the value is TOML, or a bare word.

@@ -61,10 +61,8 @@ pub fn collect(folder: &RunFolder, config: &Config, wall: Duration) -> Result<Su
         let text = format!("the env-server has left no result in {}", folder.path().display());
         Failure::new(exit::BUG, text)
     })?;
-    let seconds =
-        world["seconds"]["total"].as_f64().unwrap_or(0.0) - world["seconds"]["tests"].as_f64().unwrap_or(0.0);
     let steps = world["steps_played"].as_u64().unwrap_or(0);
-    Ok(Summary {
+    let mut summary = Summary {
         rondo_version: env!("CARGO_PKG_VERSION"),
         task: config.world.task.clone(),
         algo: config.algo.name.to_string(),
@@ -74,12 +72,28 @@ pub fn collect(folder: &RunFolder, config: &Config, wall: Duration) -> Result<Su
         test_return_mean: world["test_return_mean"].as_f64(),
         best_test_return_mean: world["best_test_return_mean"].as_f64(),
         wall_seconds: wall.as_secs_f64(),
-        env_steps_per_second: if seconds > 0.0 { steps as f64 / seconds } else { 0.0 },
+        env_steps_per_second: 0.0,
         digest: store::digest(folder).ok().map(|digest| digest.digest),
         bytes_by_key,
         roles,
         folder: folder.path().display().to_string(),
-    })
+    };
+    if summary.training_seconds() > 0.0 {
+        summary.env_steps_per_second = steps as f64 / summary.training_seconds();
+    }
+    Ok(summary)
+}
+
+impl Summary {
+    /// What a role's clock says about one of its parts; 0 where it says nothing.
+    pub fn seconds(&self, role: &str, part: &str) -> f64 {
+        self.roles.get(role).and_then(|role| role["seconds"][part].as_f64()).unwrap_or(0.0)
+    }
+
+    /// From the first tick to the last, tests not counted.
+    pub fn training_seconds(&self) -> f64 {
+        self.seconds("world", "total") - self.seconds("world", "tests")
+    }
 }
 
 impl fmt::Display for Summary {
