@@ -13,13 +13,19 @@
 //! # Ok::<(), envs::UnknownTask>(())
 //! ```
 
+mod family;
+mod opponent;
 mod task;
 mod world;
+
+pub mod scene;
 
 pub mod lbf;
 pub mod replay;
 
 mod draw;
 
+pub use family::{Family, FAMILIES};
+pub use opponent::Opponent;
 pub use task::{task, tasks, Task, TaskInfo, UnknownTask};
 pub use world::{End, Sizes, World};

@@ -1,32 +1,19 @@
 //! Tasks by name: which exist, what a name means, and what to say about a name that means nothing.
 
-use crate::lbf::{self, Foraging, Impossible, NameError, Rules};
-use crate::{Sizes, World};
+use std::fmt;
 
-/// The foraging tasks that [`tasks`] lists: those of the multi-timescale study, then the rest of the usual
-/// benchmark.
-const FORAGING: [&str; 8] = [
-    "lbf-5x5-2p-1f",
-    "lbf-8x8-2p-2f-coop",
-    "lbf-10x10-3p-3f",
-    "lbf-15x15-4p-3f",
-    "lbf-2s-8x8-2p-2f-coop",
-    "lbf-2s-10x10-3p-3f",
-    "lbf-15x15-3p-5f",
-    "lbf-15x15-4p-5f",
-];
+use crate::family::{Family, Made, Refusal, Request, FAMILIES};
+use crate::{Opponent, Sizes, World};
 
 /// A kind of world with all of its numbers. Made by [`task`], so it can always be played.
-#[derive(Debug, Clone)]
 pub struct Task {
+    family: &'static Family,
     name: String,
-    kind: Kind,
-}
-
-/// One arm per family, with a world that was never reset: `make` copies it.
-#[derive(Debug, Clone)]
-enum Kind {
-    Foraging(Foraging),
+    rules: &'static str,
+    source: &'static str,
+    opponent: Opponent,
+    /// A world that was never reset: `make` copies it.
+    world: Box<dyn World>,
 }
 
 /// A line of the list of tasks.
@@ -36,8 +23,7 @@ pub struct TaskInfo {
     pub sizes: Sizes,
     /// The package and release whose rules these are.
     pub source: &'static str,
-    /// What other names of the same family work.
-    pub note: String,
+    pub family: &'static Family,
 }
 
 /// A name that is no task, or not one that can be played.
@@ -48,48 +34,53 @@ pub enum UnknownTask {
     #[error("there is no task `{name}`: {why}; the nearest known one is `{nearest}`")]
     BadName { name: String, why: String, nearest: &'static str },
     #[error("task `{name}` cannot be played: {why}")]
-    Impossible { name: String, why: Impossible },
+    Impossible { name: String, why: String },
     #[error("task `{name}` has no rules `{found}`; there are {known}")]
     NoSuchRules { name: String, found: String, known: String },
+    #[error("task `{name}`: {why}")]
+    Opponent { name: String, why: String },
 }
 
 /// The task of that name. Spellings of the reference packages are understood, in any case of letters.
 pub fn task(name: &str) -> Result<Task, UnknownTask> {
-    match lbf::parse(name) {
-        Some(Ok(config)) => Task::foraging(config),
-        Some(Err(NameError::Impossible(why))) => Err(UnknownTask::Impossible { name: name.to_owned(), why }),
-        Some(Err(why)) => {
-            Err(UnknownTask::BadName { name: name.to_owned(), why: why.to_string(), nearest: nearest(name) })
-        }
-        None => Err(UnknownTask::NoSuchTask { name: name.to_owned(), nearest: nearest(name) }),
-    }
+    Task::made(&Request { name, rules: None, opponent: &Opponent::Builtin })
 }
 
-/// The tasks worth listing. Families have more: see each [`TaskInfo::note`].
+/// The tasks worth listing. Families have more: see [`Family::form`].
 pub fn tasks() -> Vec<TaskInfo> {
-    let info = |name: &'static str| {
+    let info = |family: &'static Family, name: &'static str| {
         let task = task(name).expect("a test makes every listed task");
-        let note = format!("family {}", lbf::FORM);
-        TaskInfo { name, sizes: task.sizes().clone(), source: task.source(), note }
+        TaskInfo { name, sizes: task.sizes().clone(), source: task.source, family }
     };
-    FORAGING.into_iter().map(info).collect()
+    FAMILIES.iter().flat_map(|family| family.tasks.iter().map(|name| info(family, name))).collect()
 }
 
 fn nearest(name: &str) -> &'static str {
     let name = name.to_ascii_lowercase();
-    // Favours a common beginning: the size of the world comes first in a name.
+    // Favours a common beginning: the family and the size of the world come first in a name.
     let likeness = |known: &str| strsim::jaro_winkler(known, &name);
     let more_alike = |a: &&str, b: &&str| likeness(a).total_cmp(&likeness(b));
-    FORAGING.into_iter().max_by(more_alike).expect("the list is not empty")
+    let known = FAMILIES.iter().flat_map(|family| family.tasks).copied();
+    known.max_by(more_alike).expect("the list is not empty")
 }
 
 impl Task {
-    fn foraging(config: lbf::Config) -> Result<Task, UnknownTask> {
-        let name = config.name();
-        match Foraging::new(config) {
-            Ok(world) => Ok(Task { name, kind: Kind::Foraging(world) }),
-            Err(why) => Err(UnknownTask::Impossible { name, why }),
-        }
+    fn made(request: &Request) -> Result<Task, UnknownTask> {
+        let made = FAMILIES.iter().find_map(|family| Some((*family, (family.make)(request)?)));
+        let name = request.name.to_owned();
+        let Some((family, made)) = made else {
+            return Err(UnknownTask::NoSuchTask { nearest: nearest(&name), name });
+        };
+        let Made { name, rules, source, world } = made.map_err(|refusal| match refusal {
+            Refusal::Name(why) => UnknownTask::BadName { nearest: nearest(&name), name, why },
+            Refusal::Impossible(why) => match request.rules {
+                Some(rules) => UnknownTask::Impossible { name, why: format!("{why} (rules {rules})") },
+                None => UnknownTask::Impossible { name, why },
+            },
+            Refusal::Rules(found) => UnknownTask::NoSuchRules { name, found, known: family.rules.join(", ") },
+            Refusal::Opponent(why) => UnknownTask::Opponent { name, why },
+        })?;
+        Ok(Task { family, name, rules, source, opponent: request.opponent.clone(), world })
     }
 
     /// The canonical name: equal for all spellings of one task.
@@ -97,52 +88,49 @@ impl Task {
         &self.name
     }
 
-    /// The family of worlds, as names begin: `lbf`.
-    pub fn family(&self) -> &'static str {
-        match &self.kind {
-            Kind::Foraging(_) => "lbf",
-        }
+    pub fn family(&self) -> &'static Family {
+        self.family
     }
 
     /// The version of the family's rules, such as `v3`.
     pub fn rules(&self) -> &'static str {
-        match &self.kind {
-            Kind::Foraging(world) => world.config().rules.name(),
-        }
+        self.rules
     }
 
     /// The package and release whose rules these are.
     pub fn source(&self) -> &'static str {
-        match &self.kind {
-            Kind::Foraging(world) => world.config().rules.source(),
-        }
+        self.source
     }
 
-    /// The same task under another version of the rules (`v2` is what the study's paper used for foraging).
+    /// The same task under another version of the rules.
     pub fn with_rules(&self, version: &str) -> Result<Task, UnknownTask> {
-        match &self.kind {
-            Kind::Foraging(world) => {
-                let rules = Rules::parse(version).ok_or_else(|| UnknownTask::NoSuchRules {
-                    name: self.name.clone(),
-                    found: version.to_owned(),
-                    known: Rules::ALL.map(Rules::name).join(", "),
-                })?;
-                Task::foraging(lbf::Config { rules, ..world.config().clone() })
-            }
-        }
+        Task::made(&Request { name: &self.name, rules: Some(version), opponent: &self.opponent })
+    }
+
+    /// The same task with somebody else in the role that the team does not control.
+    pub fn with_opponent(&self, opponent: &Opponent) -> Result<Task, UnknownTask> {
+        Task::made(&Request { name: &self.name, rules: None, opponent })
     }
 
     pub fn sizes(&self) -> &Sizes {
-        match &self.kind {
-            Kind::Foraging(world) => world.sizes(),
-        }
+        self.world.sizes()
     }
 
     /// A new world of this task. Reset it before anything else.
     pub fn make(&self) -> Box<dyn World> {
-        match &self.kind {
-            Kind::Foraging(world) => Box::new(world.clone()),
-        }
+        self.world.copy()
+    }
+}
+
+impl Clone for Task {
+    fn clone(&self) -> Self {
+        Self { name: self.name.clone(), opponent: self.opponent.clone(), world: self.world.copy(), ..*self }
+    }
+}
+
+impl fmt::Debug for Task {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Task").field("name", &self.name).finish_non_exhaustive()
     }
 }
 
@@ -159,7 +147,7 @@ mod tests {
         for info in tasks() {
             let task = task(info.name).unwrap();
             assert_eq!(task.name(), info.name);
-            assert_eq!((task.family(), task.rules(), task.source()), ("lbf", "v3", "lbforaging 2.0.0"));
+            assert_eq!(task.rules(), task.family().rules[0], "{}", info.name);
         }
         for (name, obs_size) in [("lbf-8x8-2p-2f-coop", 12), ("lbf-10x10-3p-3f", 18), ("lbf-15x15-4p-3f", 21)]
         {
@@ -182,13 +170,13 @@ mod tests {
         assert_eq!(paper.with_rules("V3").unwrap().name(), "lbf-10x10-3p-3f");
         assert_eq!(
             paper.with_rules("v7").unwrap_err().to_string(),
-            "task `lbf-10x10-3p-3f-v2` has no rules `v7`; there are v0, v1, v2, v3"
+            "task `lbf-10x10-3p-3f-v2` has no rules `v7`; there are v3, v2, v1, v0"
         );
         let crowded = task("lbf-3x3-8p-1f").unwrap();
         assert_eq!(
             crowded.with_rules("v1").unwrap_err().to_string(),
-            "task `lbf-3x3-8p-1f-v1` cannot be played: 8 players do not fit on 4 cells, which is where they \
-             start on this grid"
+            "task `lbf-3x3-8p-1f` cannot be played: 8 players do not fit on 4 cells, which is where they start \
+             on this grid (rules v1)"
         );
     }
 
@@ -203,7 +191,7 @@ mod tests {
             format!(
                 "there is no task `lbf-8x8-2p-2`: expected a number of foods such as `2f`, found `2`; the form is \
                  {}; the nearest known one is `lbf-8x8-2p-2f-coop`",
-                lbf::FORM
+                FAMILIES[0].form
             )
         );
         assert_eq!(

@@ -2,6 +2,8 @@
 
 use rand::RngCore;
 
+use crate::scene::Scene;
+
 /// One simulated world with a fixed number of agents.
 ///
 /// Slices must have the lengths that [`World::sizes`] names; other lengths are a mistake in the calling code
@@ -26,6 +28,12 @@ pub trait World: Send {
         debug_assert!(agent < self.sizes().agents);
         out.fill(1);
     }
+
+    /// The world as it is now, for a picture.
+    fn scene(&self) -> Scene;
+
+    /// A second world in the same state.
+    fn copy(&self) -> Box<dyn World>;
 }
 
 /// The fixed sizes of a world.

@@ -66,11 +66,10 @@ impl Experiment {
     pub fn configure(&self, run: &str) -> Result<Config, Failure> {
         let usage = |error: &dyn std::fmt::Display| Failure::new(exit::CONFIG, error);
         let mut task = envs::task(&self.task).map_err(|e| usage(&e))?;
-        if self.paper && task.family() == "lbf" {
-            // The paper's results are of the second rule version.
-            task = task.with_rules("v2").map_err(|e| usage(&e))?;
+        if self.paper {
+            task = task.with_rules(task.family().paper_rules).map_err(|e| usage(&e))?;
         }
-        let family = Family::Lbf;
+        let family = Family::named(task.family().name);
         let name = named::<AlgoName>(&self.algo, "algorithm", &AlgoName::ALL.map(AlgoName::as_str))?;
         let profile = named::<Profile>(&self.profile, "profile", &Profile::ALL.map(Profile::as_str))?;
         let agents = task.sizes().agents as u32;

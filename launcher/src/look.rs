@@ -161,10 +161,8 @@ impl Tasks {
                 task.source
             );
         }
-        let mut notes: Vec<&str> = tasks.iter().map(|task| task.note.as_str()).collect();
-        notes.dedup();
-        for note in notes {
-            println!("\n{note}");
+        for family in envs::FAMILIES {
+            println!("\n{}: {}; rules {}", family.title, family.form, family.rules.join(", "));
         }
         Ok(())
     }

@@ -20,6 +20,16 @@ pub enum Family {
 
 impl Family {
     pub const ALL: [Self; 4] = [Self::Lbf, Self::Rware, Self::Mpe, Self::Smac];
+
+    /// The family whose tasks' names begin so. Worlds that the paper does not have are treated like foraging.
+    pub fn named(name: &str) -> Self {
+        match name {
+            "rware" => Self::Rware,
+            "mpe" => Self::Mpe,
+            "smac" => Self::Smac,
+            _ => Self::Lbf,
+        }
+    }
 }
 
 /// A row of spec §9.1.

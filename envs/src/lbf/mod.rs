@@ -8,16 +8,67 @@ mod config;
 mod name;
 mod reset;
 mod rules;
+mod scene;
 mod state;
 
 use rand::RngCore;
 
 pub use config::{Config, Impossible};
-pub(crate) use name::{parse, NameError, FORM};
+use name::{parse, NameError, FORM};
 pub use rules::Rules;
 pub use state::{Food, Player, State, StateError};
 
-use crate::{End, Sizes, World};
+use crate::family::{Family, Made, Refusal, Request};
+use crate::scene::Scene;
+use crate::{End, Opponent, Sizes, World};
+
+pub(crate) static FAMILY: Family = Family {
+    name: "lbf",
+    title: "Level-based foraging",
+    about: "Players walk on a grid and eat food together. Every player and every food has a level; a food is eaten \
+            when players who stand beside it and load at the same time have its level between them, and each is \
+            rewarded with its share of it. All food of an episode is worth 1 to the team. A player sees the food \
+            and the players in sight, with their levels, and chooses between nothing, four moves and loading. In a \
+            cooperative (`coop`) task no player can eat alone.",
+    // Those of the multi-timescale study, then the rest of the usual benchmark.
+    tasks: &[
+        "lbf-5x5-2p-1f",
+        "lbf-8x8-2p-2f-coop",
+        "lbf-10x10-3p-3f",
+        "lbf-15x15-4p-3f",
+        "lbf-2s-8x8-2p-2f-coop",
+        "lbf-2s-10x10-3p-3f",
+        "lbf-15x15-3p-5f",
+        "lbf-15x15-4p-5f",
+    ],
+    form: FORM,
+    rules: &["v3", "v2", "v1", "v0"],
+    paper_rules: "v2",
+    make,
+};
+
+fn make(request: &Request) -> Option<Result<Made, Refusal>> {
+    let config = match parse(request.name)? {
+        Ok(config) => config,
+        Err(NameError::Impossible(why)) => return Some(Err(Refusal::Impossible(why.to_string()))),
+        Err(why) => return Some(Err(Refusal::Name(why.to_string()))),
+    };
+    Some(made(config, request))
+}
+
+fn made(config: Config, request: &Request) -> Result<Made, Refusal> {
+    if *request.opponent != Opponent::Builtin {
+        return Err(Refusal::Opponent("foraging has no opponent to choose".to_owned()));
+    }
+    let rules = match request.rules {
+        Some(version) => Rules::parse(version).ok_or_else(|| Refusal::Rules(version.to_owned()))?,
+        None => config.rules,
+    };
+    let config = Config { rules, ..config };
+    let name = config.name();
+    let world = Foraging::new(config).map_err(|why| Refusal::Impossible(why.to_string()))?;
+    Ok(Made { name, rules: rules.name(), source: rules.source(), world: Box::new(world) })
+}
 
 /// The actions, as `step` takes them (spec §4). Higher numbers count as [`NONE`].
 pub const NONE: u16 = 0;
@@ -249,6 +300,14 @@ impl World for Foraging {
         let others = before.iter().chain(after).filter(seen);
         let players = std::iter::once(&me).chain(others);
         fill(player_slots, players.map(|p| (p.row - top, p.col - left, p.level)));
+    }
+
+    fn scene(&self) -> Scene {
+        self.draw()
+    }
+
+    fn copy(&self) -> Box<dyn World> {
+        Box::new(self.clone())
     }
 }
 
