@@ -10,10 +10,13 @@
 pub mod ppo;
 pub mod rollout;
 
+mod acting;
 pub mod adam;
 pub mod network;
 pub mod params;
 pub mod returns;
 pub mod reward_stats;
+pub mod saved;
+mod target;
 
 pub mod kernels;
