@@ -4,16 +4,20 @@
 //! files or a bus exist. Every matrix is row-major `f32`; every learner is single-threaded and sums in
 //! one fixed order, so that the same inputs give the same bits.
 //!
-//! Reading order: [`ppo`] is the algorithm; [`rollout`] is what it learns from; [`returns`],
-//! [`reward_stats`] and [`adam`] are its parts; [`network`] and [`kernels`] are the arithmetic.
+//! Reading order: [`ppo`] and [`iql`] are the algorithms; [`rollout`] is what they learn from; [`returns`],
+//! [`reward_stats`] and [`adam`] are their parts; [`network`] and [`kernels`] are the arithmetic.
 
+pub mod iql;
 pub mod ppo;
 pub mod rollout;
 
+mod acting;
 pub mod adam;
 pub mod network;
 pub mod params;
 pub mod returns;
 pub mod reward_stats;
+pub mod saved;
+mod target;
 
 pub mod kernels;

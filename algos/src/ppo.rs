@@ -25,13 +25,18 @@ mod loss;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::acting::Acting;
 use crate::adam::{clip, Adam};
-use crate::network::{ActWork, Activations, Kind, Network};
+use crate::network::{Activations, Kind, Network};
 use crate::params::initial;
 use crate::returns::EndOfBatch;
 use crate::reward_stats::{RewardStats, Standardisation};
 use crate::rollout::Rollout;
+use crate::saved::{self, Vector};
+use crate::target;
 use batch::Batch;
+
+pub use crate::saved::{NamedTensor, RestoreError};
 
 /// Hyperparameters of one learner; defaults and sources are in spec §§4.2, 9.1.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,27 +105,6 @@ pub struct Counters {
     pub reward_stats: RewardStats,
 }
 
-/// A named tensor borrowed from a learner: name, shape, values.
-pub type NamedTensor<'a> = (String, Vec<usize>, &'a [f32]);
-
-/// A saved learner does not fit this one.
-#[derive(Debug, thiserror::Error, PartialEq)]
-pub enum RestoreError {
-    /// A tensor is not there.
-    #[error("the checkpoint has no tensor `{0}`; it was written by a learner of another kind")]
-    Missing(String),
-    /// A tensor has another size.
-    #[error("tensor `{name}` has {found} numbers, this learner needs {expected}; network or task differ")]
-    Size {
-        /// Its name.
-        name: String,
-        /// Numbers this learner needs.
-        expected: usize,
-        /// Numbers in the checkpoint.
-        found: usize,
-    },
-}
-
 /// One agent's learner: actor, critic, target critic and their optimisers.
 #[derive(Clone, Debug)]
 pub struct Ppo {
@@ -137,16 +121,6 @@ pub struct Ppo {
     last_target_copy: u64,
     acting: Acting,
     work: Work,
-}
-
-/// Recurrent states of the environment copies and the buffers of a tick.
-#[derive(Clone, Debug, Default)]
-struct Acting {
-    /// `copies × H`.
-    states: Vec<f32>,
-    /// States of the rows of this tick.
-    rows: Vec<f32>,
-    network: ActWork,
 }
 
 /// Buffers of an update call, kept so that none is allocated twice.
@@ -199,8 +173,7 @@ impl Ppo {
 
     /// Starts an episode in each of `copies` environment copies: recurrent states are zero.
     pub fn begin_round(&mut self, copies: usize) {
-        self.acting.states.clear();
-        self.acting.states.resize(copies * self.config.hidden, 0.0);
+        self.acting.begin(copies, self.config.hidden);
     }
 
     /// Samples one action for each row from the policy, with probability zero for forbidden ones.
@@ -215,19 +188,10 @@ impl Ppo {
         rng: &mut impl Rng,
         actions: &mut Vec<u16>,
     ) {
-        let hidden = self.config.hidden;
-        let Acting { states, rows, network } = &mut self.acting;
-        rows.clear();
-        for &copy in copies {
-            rows.extend_from_slice(&states[usize::from(copy) * hidden..][..hidden]);
-        }
-        self.actor.act(&self.actor_values, obs, copies.len(), rows, network);
-        for (row, &copy) in rows.chunks_exact(hidden).zip(copies) {
-            states[usize::from(copy) * hidden..][..hidden].copy_from_slice(row);
-        }
         let n_actions = self.actor.outputs;
+        let out = self.acting.step(&self.actor, &self.actor_values, copies, obs);
         actions.clear();
-        for (logits, avail) in network.out.chunks_exact_mut(n_actions).zip(avail.chunks_exact(n_actions)) {
+        for (logits, avail) in out.chunks_exact_mut(n_actions).zip(avail.chunks_exact(n_actions)) {
             loss::softmax(logits, avail);
             actions.push(loss::sample(logits, rng.random()));
         }
@@ -250,7 +214,8 @@ impl Ppo {
         }
         self.work.batch = batch;
         self.update_calls += 1;
-        self.update_target();
+        let (rule, target) = (self.config.target_update, &mut self.target_values);
+        target::update(rule, self.update_calls, &mut self.last_target_copy, target, &self.critic_values);
         sum.scaled(1.0 / self.config.epochs as f64)
     }
 
@@ -314,35 +279,12 @@ impl Ppo {
         sum.actor_grad_norm += norm;
     }
 
-    /// §4.4: the counter is update calls, not epochs; the rate plays no part.
-    fn update_target(&mut self) {
-        if self.config.target_update > 1.0 {
-            if (self.update_calls - self.last_target_copy) as f64 >= self.config.target_update {
-                self.target_values.copy_from_slice(&self.critic_values);
-                self.last_target_copy = self.update_calls;
-            }
-        } else {
-            let tau = self.config.target_update as f32;
-            for (target, value) in self.target_values.iter_mut().zip(&self.critic_values) {
-                *target = (1.0 - tau) * *target + tau * value;
-            }
-        }
-    }
-
     /// All tensors of the learner, named; those of the optimisers start with `adam.`.
     pub fn tensors(&self) -> Vec<NamedTensor<'_>> {
-        let mut tensors = Vec::new();
-        for (owner, network, values) in self.vectors() {
-            let mut rest = values.as_slice();
-            for block in network.blocks() {
-                let values = crate::params::take(&mut rest, block.len());
-                tensors.push((format!("{owner}.{}", block.name), block.shape, values));
-            }
-        }
-        tensors
+        saved::tensors(&self.vectors())
     }
 
-    fn vectors(&self) -> [(&'static str, &Network, &Vec<f32>); 7] {
+    fn vectors(&self) -> [Vector<'_>; 7] {
         [
             ("actor", &self.actor, &self.actor_values),
             ("critic", &self.critic, &self.critic_values),
@@ -374,21 +316,8 @@ impl Ppo {
         counters: &Counters,
         tensor: impl Fn(&str) -> Option<&'a [f32]>,
     ) -> Result<(), RestoreError> {
-        let mut found = Vec::new();
-        for (owner, network, values) in self.vectors() {
-            let mut whole = Vec::with_capacity(values.len());
-            for block in network.blocks() {
-                let name = format!("{owner}.{}", block.name);
-                let numbers = tensor(&name).ok_or_else(|| RestoreError::Missing(name.clone()))?;
-                if numbers.len() != block.len() {
-                    return Err(RestoreError::Size { name, expected: block.len(), found: numbers.len() });
-                }
-                whole.extend_from_slice(numbers);
-            }
-            found.push(whole);
-        }
-        let vectors: [Vec<f32>; 7] = found.try_into().expect("one vector was read for each");
-        let [actor, critic, target, actor_m, actor_v, critic_m, critic_v] = vectors;
+        let [actor, critic, target, actor_m, actor_v, critic_m, critic_v] =
+            saved::restored(self.vectors(), tensor)?;
         (self.actor_values, self.critic_values, self.target_values) = (actor, critic, target);
         self.actor_adam = Adam { m: actor_m, v: actor_v, steps: counters.actor_steps };
         self.critic_adam = Adam { m: critic_m, v: critic_v, steps: counters.critic_steps };

@@ -1,0 +1,290 @@
+//! Independent Q-learning, one learner per agent. Steps and symbols are those of spec §5.2.
+//!
+//! ```text
+//! q  = Q(o_0 … o_T)     q̄ = Q̄(o_0 … o_T)                     each with a recurrent state of its own, from zero
+//! a* = argmax over available a of q[t+1, a]                  double Q; otherwise of q̄[t+1, a]
+//! y  = r + γ (1 − term) q̄[t+1, a*]                           a constant
+//! loss = Σ m (q[t, a_t] − y)² / Σ m                          clip, Adam
+//! target update (§4.4)
+//! ```
+//!
+//! As in [`crate::ppo`] the sums run over the team in the reference, so that one agent's gradient is `1/n`
+//! of its own mean loss (§3.3), and the norm of the clip is this agent's alone.
+//!
+//! Which episodes an update call learns from is the caller's choice ([`sample_distinct`]); multi-timescale
+//! learning (§6) is in the rates that it passes. Absent on purpose: a Huber loss, targets of several
+//! steps, prioritised replay, importance weights, RMSProp.
+
+mod batch;
+mod draws;
+
+use rand::Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::acting::Acting;
+use crate::adam::{clip, Adam};
+use crate::network::{Activations, Kind, Network};
+use crate::params::initial;
+use crate::reward_stats::{RewardStats, Standardisation};
+use crate::rollout::Episode;
+use crate::saved::{self, NamedTensor, RestoreError, Vector};
+use crate::target;
+use batch::Batch;
+
+pub use draws::{epsilon, sample_distinct};
+
+/// What forbidden actions are worth in a target (§3.1). It shows only where none is allowed.
+const FORBIDDEN: f32 = -9_999_999.0;
+
+/// Hyperparameters of one learner; defaults and sources are in spec §§5, 9.2.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Shape of the network.
+    pub network: Kind,
+    /// Its hidden width, `H`.
+    pub hidden: usize,
+    /// Number of learning agents, `n`.
+    pub agents: usize,
+    /// Discount, γ.
+    pub gamma: f32,
+    /// Above 1: a hard copy every that many update calls. Otherwise Polyak's τ.
+    pub target_update: f64,
+    /// Largest L2 norm of the gradient.
+    pub max_grad_norm: f64,
+    /// Reward standardisation.
+    pub reward_standardisation: Standardisation,
+    /// At learning rate 0 Adam's moments stand still too (`hold`) instead of following the gradient.
+    pub hold_frozen_moments: bool,
+    /// An episode that only the step limit ended counts as terminated (§3.4): its last target is the
+    /// reward alone.
+    pub time_limit_is_terminal: bool,
+    /// The online network chooses the action whose target value counts, instead of the target network.
+    pub double_q: bool,
+}
+
+/// What one update call reports: means over the steps of its minibatch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct UpdateStats {
+    /// `Σ m (q − y)² / Σ m`, this agent's own mean.
+    pub loss: f64,
+    /// L2 norm of the gradient before clipping.
+    pub grad_norm: f64,
+    /// Mean of `|q − y|`.
+    pub td_error_abs: f64,
+    /// Mean of `q[t, a_t]`.
+    pub q_taken_mean: f64,
+    /// Mean of `y`.
+    pub target_mean: f64,
+}
+
+/// Everything small that a checkpoint keeps beside the tensors.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Update calls completed.
+    pub update_calls: u64,
+    /// Value of `update_calls` at the last hard copy of the target network.
+    pub last_target_copy: u64,
+    /// Adam steps.
+    pub adam_steps: u64,
+    /// Running reward statistics.
+    pub reward_stats: RewardStats,
+}
+
+/// One agent's learner: Q network, target Q network and optimiser.
+#[derive(Clone, Debug)]
+pub struct Iql {
+    config: Config,
+    network: Network,
+    values: Vec<f32>,
+    target_values: Vec<f32>,
+    adam: Adam,
+    reward_stats: RewardStats,
+    update_calls: u64,
+    last_target_copy: u64,
+    acting: Acting,
+    work: Work,
+}
+
+/// Buffers of an update call, kept so that none is allocated twice.
+#[derive(Clone, Debug, Default)]
+struct Work {
+    batch: Batch,
+    activations: Activations,
+    /// q̄, `rows × n_actions`.
+    target_q: Vec<f32>,
+    d_q: Vec<f32>,
+    gradient: Vec<f32>,
+}
+
+impl Iql {
+    /// A fresh learner; `rng` gives the initial weights (§1.3), which the target network shares.
+    pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
+        let network =
+            Network { kind: config.network, inputs: obs_size, hidden: config.hidden, outputs: n_actions };
+        let values = initial(&network.blocks(), rng);
+        Self {
+            adam: Adam::new(values.len()),
+            target_values: values.clone(),
+            reward_stats: RewardStats::default(),
+            update_calls: 0,
+            last_target_copy: 0,
+            acting: Acting::default(),
+            work: Work { gradient: vec![0.0; values.len()], ..Work::default() },
+            config,
+            network,
+            values,
+        }
+    }
+
+    /// Update calls completed, the `u` of the schedule.
+    pub fn update_calls(&self) -> u64 {
+        self.update_calls
+    }
+
+    /// Starts an episode in each of `copies` environment copies: recurrent states are zero.
+    pub fn begin_round(&mut self, copies: usize) {
+        self.acting.begin(copies, self.config.hidden);
+    }
+
+    /// Chooses one allowed action for each row, ε-greedily, with a coin for every row.
+    ///
+    /// Row `k` shows environment copy `copies[k]`: `obs` is `rows × obs_size`, `avail` is
+    /// `rows × n_actions`. Draws the same count of numbers from `rng` for every row, whatever `epsilon` is.
+    pub fn act(
+        &mut self,
+        copies: &[u16],
+        obs: &[f32],
+        avail: &[u8],
+        epsilon: f64,
+        rng: &mut impl Rng,
+        actions: &mut Vec<u16>,
+    ) {
+        let n_actions = self.network.outputs;
+        // Also where chance decides: a recurrent state has to follow every observation.
+        let out = self.acting.step(&self.network, &self.values, copies, obs);
+        actions.clear();
+        for (q, avail) in out.chunks_exact(n_actions).zip(avail.chunks_exact(n_actions)) {
+            actions.push(draws::epsilon_greedy(q, avail, epsilon, rng) as u16);
+        }
+    }
+
+    /// One update call on a minibatch, with learning rate `lr`.
+    ///
+    /// # Panics
+    /// If there is no episode, or one without steps.
+    pub fn update(&mut self, episodes: &[Episode], lr: f64) -> UpdateStats {
+        assert!(!episodes.is_empty(), "an update call has episodes to learn from");
+        let Work { batch, activations: to, target_q, d_q, gradient } = &mut self.work;
+        let (obs_size, n_actions) = (self.network.inputs, self.network.outputs);
+        batch.fill(episodes, obs_size, n_actions, self.config.time_limit_is_terminal);
+        self.reward_stats.standardise(self.config.reward_standardisation, &mut batch.rewards);
+
+        // The target network first, so that what stays in the buffers is the pass to go back through.
+        self.network.forward(&self.target_values, &batch.obs, &batch.steps, to);
+        std::mem::swap(&mut to.out, target_q);
+        self.network.forward(&self.values, &batch.obs, &batch.steps, to);
+        let mut stats = self.config.temporal_differences(batch, &to.out, target_q, d_q);
+        self.network.backward(&self.values, &batch.obs, &batch.steps, d_q, to, gradient);
+        let (norm, factor) = clip(gradient, self.config.max_grad_norm);
+        if lr > 0.0 || !self.config.hold_frozen_moments {
+            self.adam.step(&mut self.values, gradient, factor, lr);
+        }
+        stats.grad_norm = norm;
+
+        self.update_calls += 1;
+        let (rule, target) = (self.config.target_update, &mut self.target_values);
+        target::update(rule, self.update_calls, &mut self.last_target_copy, target, &self.values);
+        stats
+    }
+
+    /// All tensors of the learner, named; those of the optimiser start with `adam.`.
+    pub fn tensors(&self) -> Vec<NamedTensor<'_>> {
+        saved::tensors(&self.vectors())
+    }
+
+    fn vectors(&self) -> [Vector<'_>; 4] {
+        [
+            ("q", &self.network, &self.values),
+            ("target_q", &self.network, &self.target_values),
+            ("adam.q.m", &self.network, &self.adam.m),
+            ("adam.q.v", &self.network, &self.adam.v),
+        ]
+    }
+
+    /// The small part of a checkpoint.
+    pub fn counters(&self) -> Counters {
+        Counters {
+            update_calls: self.update_calls,
+            last_target_copy: self.last_target_copy,
+            adam_steps: self.adam.steps,
+            reward_stats: self.reward_stats,
+        }
+    }
+
+    /// Puts a saved learner back; `tensor` finds the numbers of a name.
+    ///
+    /// # Errors
+    /// If a tensor is missing or has another size; this learner is then unchanged.
+    pub fn restore<'a>(
+        &mut self,
+        counters: &Counters,
+        tensor: impl Fn(&str) -> Option<&'a [f32]>,
+    ) -> Result<(), RestoreError> {
+        let [values, target, m, v] = saved::restored(self.vectors(), tensor)?;
+        (self.values, self.target_values) = (values, target);
+        self.adam = Adam { m, v, steps: counters.adam_steps };
+        self.reward_stats = counters.reward_stats;
+        self.update_calls = counters.update_calls;
+        self.last_target_copy = counters.last_target_copy;
+        Ok(())
+    }
+}
+
+impl Config {
+    /// Writes the gradient of the loss by `q` into `d_q`; both are `rows × n_actions`, as `target_q` is.
+    ///
+    /// ```text
+    /// ∂L/∂q[t, a_t] = 2 (q − y) / (n Σ m), and nothing anywhere else
+    /// ```
+    fn temporal_differences(
+        &self,
+        batch: &Batch,
+        q: &[f32],
+        target_q: &[f32],
+        d_q: &mut Vec<f32>,
+    ) -> UpdateStats {
+        let n_actions = q.len() / batch.steps.rows();
+        let count = batch.transitions.len() as f64;
+        let scale = (2.0 / (count * self.agents as f64)) as f32;
+        d_q.clear();
+        d_q.resize(q.len(), 0.0);
+        let mut sum = UpdateStats::default();
+        for step in &batch.transitions {
+            let taken = step.row * n_actions + usize::from(step.action);
+            let mut y = batch.rewards[step.reward];
+            if !step.terminal {
+                let next = step.next * n_actions..(step.next + 1) * n_actions;
+                let chooser = if self.double_q { q } else { target_q };
+                let best = draws::greedy(&chooser[next.clone()], &batch.avail[next.clone()]);
+                let allowed = batch.avail[next.start + best] != 0;
+                y += self.gamma * if allowed { target_q[next.start + best] } else { FORBIDDEN };
+            }
+            let error = q[taken] - y;
+            d_q[taken] = scale * error;
+            sum.loss += f64::from(error) * f64::from(error);
+            sum.td_error_abs += f64::from(error.abs());
+            sum.q_taken_mean += f64::from(q[taken]);
+            sum.target_mean += f64::from(y);
+        }
+        UpdateStats {
+            loss: sum.loss / count,
+            grad_norm: 0.0,
+            td_error_abs: sum.td_error_abs / count,
+            q_taken_mean: sum.q_taken_mean / count,
+            target_mean: sum.target_mean / count,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
