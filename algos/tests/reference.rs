@@ -1,4 +1,4 @@
-//! The learner against a slow reference written straight from the equations of the spec: dense
+//! PPO against a slow reference written straight from the equations of the spec: dense
 //! `B × T` tensors with masks, double precision, candle's automatic differentiation, no kernels of ours.
 
 use algos::network::Kind;
@@ -6,9 +6,12 @@ use algos::ppo::{Config, Ppo};
 use algos::returns::EndOfBatch;
 use algos::reward_stats::Standardisation;
 use algos::rollout::{End, Rollout};
-use candle_core::{DType, Device, Result, Tensor, Var, D};
+use candle_core::{Device, Result, Tensor, Var, D};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+mod plain;
+use plain::{distance, forward, update_target, Parameters};
 
 const OBS: usize = 5;
 const ACTIONS: usize = 4;
@@ -63,84 +66,6 @@ fn play(learner: &mut Ppo, lengths: &[usize], reward_scale: f32, rng: &mut ChaCh
         }
     }
     rollout
-}
-
-/// One network's parameters with Adam's moments.
-struct Parameters {
-    values: Vec<Var>,
-    m: Vec<Tensor>,
-    v: Vec<Tensor>,
-    steps: i32,
-}
-
-impl Parameters {
-    fn of(learner: &Ppo, owner: &str) -> Result<Self> {
-        let values: Vec<Var> = learner
-            .tensors()
-            .into_iter()
-            .filter(|(name, ..)| name.starts_with(&format!("{owner}.")))
-            .map(|(_, shape, data)| {
-                let data: Vec<f64> = data.iter().map(|&x| f64::from(x)).collect();
-                Var::from_tensor(&Tensor::from_vec(data, shape, &Device::Cpu)?)
-            })
-            .collect::<Result<_>>()?;
-        let zeros: Vec<Tensor> = values.iter().map(|v| v.zeros_like()).collect::<Result<_>>()?;
-        Ok(Self { m: zeros.clone(), v: zeros, values, steps: 0 })
-    }
-
-    /// Clip to `max_norm`, then Adam, as PyTorch does them.
-    fn descend(&mut self, loss: &Tensor, max_norm: f64, lr: f64) -> Result<()> {
-        let gradients = loss.backward()?;
-        let gradients: Vec<Tensor> =
-            self.values.iter().map(|v| gradients.get(v).expect("a gradient").clone()).collect();
-        let mut squares = 0.0;
-        for g in &gradients {
-            squares += g.sqr()?.sum_all()?.to_scalar::<f64>()?;
-        }
-        let factor = (max_norm / (squares.sqrt() + 1e-6)).min(1.0);
-        self.steps += 1;
-        for (i, g) in gradients.iter().enumerate() {
-            let g = (g * factor)?;
-            self.m[i] = ((&self.m[i] * 0.9)? + (&g * 0.1)?)?;
-            self.v[i] = ((&self.v[i] * 0.999)? + (g.sqr()? * 0.001)?)?;
-            let m_hat = (&self.m[i] / (1.0 - 0.9f64.powi(self.steps)))?;
-            let v_hat = (&self.v[i] / (1.0 - 0.999f64.powi(self.steps)))?;
-            let step = (m_hat / (v_hat.sqrt()? + 1e-8)?)?;
-            self.values[i].set(&(self.values[i].as_tensor() - (step * lr)?)?)?;
-        }
-        Ok(())
-    }
-}
-
-fn linear(x: &Tensor, w: &[Var]) -> Result<Tensor> {
-    x.matmul(&w[0])?.broadcast_add(&w[1])
-}
-
-fn sigmoid(x: &Tensor) -> Result<Tensor> {
-    (x.neg()?.exp()? + 1.0)?.recip()
-}
-
-/// `obs`: `B × T × O`; result `B × T × outputs`.
-fn forward(kind: Kind, w: &[Var], obs: &Tensor) -> Result<Tensor> {
-    let (b, t, _) = obs.dims3()?;
-    if kind == Kind::Fc {
-        let x = linear(&obs.flatten(0, 1)?, &w[0..2])?.relu()?;
-        return linear(&linear(&x, &w[2..4])?.relu()?, &w[4..6])?.reshape((b, t, ()));
-    }
-    let hidden = w[1].dim(0)?;
-    let mut h = Tensor::zeros((b, hidden), DType::F64, &Device::Cpu)?;
-    let mut outs = Vec::new();
-    for step in 0..t {
-        let x = linear(&obs.narrow(1, step, 1)?.squeeze(1)?, &w[0..2])?.relu()?;
-        let (gx, gh) = (linear(&x, &w[2..4])?, linear(&h, &w[4..6])?);
-        let gate = |g: &Tensor, k: usize| g.narrow(1, k * hidden, hidden);
-        let r = sigmoid(&(gate(&gx, 0)? + gate(&gh, 0)?)?)?;
-        let z = sigmoid(&(gate(&gx, 1)? + gate(&gh, 1)?)?)?;
-        let c = (gate(&gx, 2)? + (r * gate(&gh, 2)?)?)?.tanh()?;
-        h = ((z.neg()? + 1.0)? * c)?.add(&(z * h)?)?;
-        outs.push(linear(&h, &w[6..8])?);
-    }
-    Tensor::stack(&outs, 1)
 }
 
 /// Dense arrays of a round (spec §2): `B` episodes, `T + 1` slots, zeros and mask 0 after the end.
@@ -211,9 +136,9 @@ impl Reference {
     fn of(learner: &Ppo, config: &Config) -> Result<Self> {
         Ok(Self {
             config: config.clone(),
-            actor: Parameters::of(learner, "actor")?,
-            critic: Parameters::of(learner, "critic")?,
-            target: Parameters::of(learner, "target_critic")?.values,
+            actor: Parameters::of(learner.tensors(), "actor")?,
+            critic: Parameters::of(learner.tensors(), "critic")?,
+            target: Parameters::of(learner.tensors(), "target_critic")?.values,
             calls: 0,
             copied: 0,
         })
@@ -261,30 +186,9 @@ impl Reference {
             self.actor.descend(&loss, self.config.max_grad_norm, lr)?;
         }
         self.calls += 1;
-        let (hard, tau) = (self.config.target_update > 1.0, self.config.target_update);
-        if !hard || (self.calls - self.copied) as f64 >= self.config.target_update {
-            self.copied = self.calls;
-            for (target, value) in self.target.iter().zip(&self.critic.values) {
-                let tau = if hard { 1.0 } else { tau };
-                target.set(&((target.as_tensor() * (1.0 - tau))? + (value.as_tensor() * tau)?)?)?;
-            }
-        }
-        Ok(())
+        let rule = self.config.target_update;
+        update_target(rule, self.calls, &mut self.copied, &self.target, &self.critic.values)
     }
-}
-
-/// Largest and mean absolute difference between the learner's tensors of `owner` and `values`.
-fn distance(learner: &Ppo, owner: &str, values: &[Var]) -> Result<(f64, f64)> {
-    let (mut largest, mut sum, mut n) = (0.0f64, 0.0, 0);
-    let ours = learner.tensors().into_iter().filter(|(name, ..)| name.starts_with(&format!("{owner}.")));
-    for ((_, _, ours), theirs) in ours.zip(values) {
-        for (&a, b) in ours.iter().zip(theirs.flatten_all()?.to_vec1::<f64>()?) {
-            let d = (f64::from(a) - b).abs();
-            (largest, sum, n) = (largest.max(d), sum + d, n + 1);
-        }
-    }
-    assert!(n > 0);
-    Ok((largest, sum / f64::from(n)))
 }
 
 /// Five update calls of both; each moves a parameter by up to 4 epochs × lr = 4e-3.
@@ -304,7 +208,7 @@ fn compare(config: Config, lengths: &[usize], reward_scale: f32) {
             ("target_critic", &reference.target),
         ];
         for (owner, values) in parts {
-            let (largest, mean) = distance(&learner, owner, values).expect("same shapes");
+            let (largest, mean) = distance(learner.tensors(), owner, values).expect("same shapes");
             // Adam turns a gradient that is nothing but rounding into a whole step, so single parameters
             // may differ by more than the rounding of an addition.
             assert!(

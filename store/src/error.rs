@@ -1,6 +1,7 @@
 //! What can go wrong with a run folder, told to the person who must act.
 
 use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// Every failure of this crate. [`Error::is_config`], [`Error::is_io`] and
@@ -63,6 +64,16 @@ pub enum Error {
     DamagedMetrics { path: PathBuf, problem: String },
 
     #[error(
+        "`{}` does not hold the experience that the learner counts on: {problem}\n\
+         hint: files were changed or lost; copy them back, or start the run again in a new folder",
+        path.display()
+    )]
+    DamagedEpisodes { path: PathBuf, problem: String },
+
+    #[error("there is no record {number} in `{}`, only those from {} up to {}, exclusive", path.display(), held.start, held.end)]
+    NoSuchEpisode { path: PathBuf, number: u64, held: Range<u64> },
+
+    #[error(
         "the checkpoint `{}` is damaged: {problem}\n\
          hint: start from an earlier round; this folder can be removed",
         path.display()
@@ -116,6 +127,7 @@ impl Error {
                 | Self::Full { .. }
                 | Self::ShortMetrics { .. }
                 | Self::DamagedMetrics { .. }
+                | Self::DamagedEpisodes { .. }
                 | Self::DamagedCheckpoint { .. }
                 | Self::NoSuchRound { .. }
         )

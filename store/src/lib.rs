@@ -1,4 +1,4 @@
-//! The only crate that writes a run to disk: configuration, metric rows, checkpoints.
+//! The only crate that writes a run to disk: configuration, metric rows, checkpoints, experience.
 //!
 //! ```text
 //! runs/<run>/config.toml                      resolved; every role must bring the same bytes
@@ -7,6 +7,7 @@
 //!               log.jsonl
 //!               result.json
 //!               checkpoints/round-000000000120/{weights.safetensors, state.bin, manifest.json}
+//!               replay/episodes-000000000000.bin  experience of a learner that replays it
 //!           /tensorboard/<role>/              a view of metrics.jsonl, made again at every start
 //!           /result.json
 //! ```
@@ -26,6 +27,8 @@ mod tensorboard;
 mod checkpoints;
 mod weights;
 
+mod episodes;
+
 mod digest;
 
 mod error;
@@ -33,6 +36,7 @@ mod files;
 
 pub use checkpoints::{Checkpoint, Checkpoints, KEEP};
 pub use digest::{digest, RunDigest};
+pub use episodes::Episodes;
 pub use error::Error;
 pub use metrics::{MetricsWriter, Position, Row};
 pub use run_folder::{RoleFolder, RunFolder};

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::checkpoints::Checkpoints;
+use crate::episodes::Episodes;
 use crate::metrics::{MetricsWriter, Position};
 use crate::{files, Error};
 
@@ -159,6 +160,16 @@ impl RoleFolder {
 
     pub fn checkpoints(&self) -> Checkpoints {
         Checkpoints::new(self.path.join("checkpoints"))
+    }
+
+    /// Opens the role's `replay/` for appending behind the first `position` records, the position
+    /// stored in the checkpoint that the role starts from; 0 for a fresh start. Later ones are cut off.
+    ///
+    /// # Errors
+    /// [`Error::DamagedEpisodes`] if a record that was kept is missing or damaged; nothing is cut off
+    /// then.
+    pub fn episodes(&self, position: u64) -> Result<Episodes, Error> {
+        Episodes::open(self.path.join("replay"), position)
     }
 
     /// Writes the role's `result.json` in one step.
