@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-FIXED_COLUMNS = ("t_env", "update_calls")
+FIXED_COLUMNS = ("t_env", "update_calls", "rounds")
 
 
 def single(value):

@@ -1,25 +1,31 @@
-//! Between this process and the pure learner: its configuration, its rollouts, its checkpoints.
+//! Between this process and the pure learners: ticks become inputs, rounds become lessons, state becomes
+//! checkpoints.
 
-use algos::network::Kind;
-use algos::ppo::{self, Counters, Ppo, UpdateStats};
-use algos::returns::EndOfBatch;
-use algos::reward_stats::Standardisation;
+use std::collections::VecDeque;
+
+use algos::iql::{self, Iql};
+use algos::ppo::{self, Choice, Ppo};
 use algos::rollout::{self, Rollout};
 use process::Failure;
-use proto::config::{self, Config};
+use proto::config::{Config, PolicyTest, QLearning};
 use proto::control::Seat;
 use proto::exit;
 use proto::stream::stream;
-use proto::{End, Observe};
+use proto::{End, Mode, Observe};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use store::{Checkpoint, Position, Tensor};
+use store::{Checkpoint, Position, RoleFolder, Tensor, KEEP};
 
+use crate::input::Input;
 use crate::progress::Unlogged;
+use crate::replay::{Replay, DEFAULT_MEMORY_BYTES};
+use crate::settings;
 
 /// What a checkpoint holds beside the tensors.
 #[derive(Serialize, Deserialize)]
 pub struct Saved {
+    /// Training rounds completed.
+    rounds: u64,
     counters: Counters,
     /// Scalars that no metric row has yet.
     pub unlogged: Unlogged,
@@ -27,43 +33,144 @@ pub struct Saved {
     pub metrics: Position,
 }
 
+/// The counters of one kind of learner.
+#[derive(Serialize, Deserialize)]
+enum Counters {
+    Ppo(ppo::Counters),
+    Q {
+        counters: iql::Counters,
+        /// Episodes ever remembered.
+        remembered: u64,
+    },
+}
+
+/// What an update call reports, by name and in the order of metric rows.
+pub type Scalars = Vec<(&'static str, f64)>;
+
 /// The agent's learner and the round it is in.
 pub struct Learner {
-    ppo: Ppo,
+    method: Method,
+    input: Input,
+    rounds: u64,
+    seed: u64,
+    id: u32,
     rollout: Rollout,
     actions: Vec<u16>,
     /// Rows that still run, when not all of a tick do.
     running: Running,
 }
 
+/// One arm for each kind of learner.
+enum Method {
+    Ppo { ppo: Box<Ppo>, in_tests: Choice },
+    Q(Box<Q>),
+}
+
+struct Q {
+    iql: Iql,
+    settings: QLearning,
+    /// Not there in a learner that only acts.
+    replay: Option<Replay>,
+    /// Episodes remembered at the newest checkpoints, the oldest first.
+    saved: VecDeque<u64>,
+}
+
 #[derive(Default)]
 struct Running {
     copies: Vec<u16>,
-    obs: Vec<f32>,
+    inputs: Vec<f32>,
     avail: Vec<u8>,
 }
 
 impl Learner {
-    /// A fresh learner with the initial weights that seed and id determine.
-    pub fn new(config: &Config, id: u32, seat: &Seat) -> Self {
+    /// A learner with the initial weights that seed and id determine, for acting.
+    pub fn new(config: &Config, id: u32, (obs_size, n_actions): (usize, usize)) -> Self {
         let mut rng = stream(config.seed, &owner(id), "initial-weights", &[]);
-        let sizes = (seat.obs_size as usize, seat.n_actions as usize);
+        let input = Input::new(&config.algo, (id, config.world.agents), (obs_size, n_actions));
+        let size = input.size();
+        let method = match (&config.ppo, &config.q) {
+            (Some(ppo), _) => Method::Ppo {
+                ppo: Box::new(Ppo::new(settings::ppo(config, ppo), size, n_actions, &mut rng)),
+                in_tests: match ppo.policy_test {
+                    PolicyTest::Sample => Choice::Sample,
+                    PolicyTest::Greedy => Choice::Greedy,
+                },
+            },
+            (None, Some(q)) => Method::Q(Box::new(Q {
+                iql: Iql::new(settings::iql(config, q), size, n_actions, &mut rng),
+                settings: q.clone(),
+                replay: None,
+                saved: VecDeque::new(),
+            })),
+            (None, None) => unreachable!("a valid configuration has the section of its learner"),
+        };
         Self {
-            ppo: Ppo::new(hyperparameters(config), sizes.0, sizes.1, &mut rng),
+            method,
+            input,
+            rounds: 0,
+            seed: config.seed,
+            id,
             rollout: Rollout::default(),
             actions: Vec::new(),
             running: Running::default(),
         }
     }
 
+    /// A learner that will learn, from the round that its seat names; with what else its checkpoint holds.
+    ///
+    /// # Errors
+    /// If the checkpoint is of another kind of learner or cannot be read, or the disk fails.
+    pub fn start(
+        config: &Config,
+        id: u32,
+        seat: &Seat,
+        folder: &RoleFolder,
+    ) -> Result<(Self, Option<Saved>), Failure> {
+        let mut learner = Self::new(config, id, (seat.obs_size as usize, seat.n_actions as usize));
+        let saved = match seat.round {
+            0 => None,
+            round => Some(learner.restore(&folder.checkpoints().load(round)?)?),
+        };
+        if let Method::Q(q) = &mut learner.method {
+            let remembered = match saved.as_ref().map(|saved| &saved.counters) {
+                Some(Counters::Q { remembered, .. }) => *remembered,
+                _ => 0,
+            };
+            let file = folder.episodes(remembered)?;
+            q.replay = Some(Replay::open(file, q.settings.buffer as usize, DEFAULT_MEMORY_BYTES)?);
+            q.saved.extend(saved.is_some().then_some(remembered));
+        }
+        Ok((learner, saved))
+    }
+
+    /// Training rounds completed.
+    pub fn rounds(&self) -> u64 {
+        self.rounds
+    }
+
     /// Update calls completed.
     pub fn update_calls(&self) -> u64 {
-        self.ppo.update_calls()
+        match &self.method {
+            Method::Ppo { ppo, .. } => ppo.update_calls(),
+            Method::Q(q) => q.iql.update_calls(),
+        }
+    }
+
+    /// Tests with the most probable actions, or with drawn ones, whatever the configuration says. Q-learning
+    /// always takes the best.
+    pub fn choose_in_tests(&mut self, choice: Choice) {
+        if let Method::Ppo { in_tests, .. } = &mut self.method {
+            *in_tests = choice;
+        }
     }
 
     /// Starts a round of `copies` episodes; only those to learn from are recorded.
     pub fn begin_round(&mut self, copies: usize, record: bool) {
-        self.ppo.begin_round(copies);
+        match &mut self.method {
+            Method::Ppo { ppo, .. } => ppo.begin_round(copies),
+            Method::Q(q) => q.iql.begin_round(copies),
+        }
+        self.input.begin_round(copies);
         if record {
             self.rollout.begin(copies);
         }
@@ -71,46 +178,47 @@ impl Learner {
 
     /// Takes in one tick and chooses an action for every row that still runs.
     pub fn tick(&mut self, observe: &Observe, record: bool, rng: &mut ChaCha8Rng) -> &[u16] {
+        let size = self.input.size();
+        let inputs = self.input.rows(observe);
         if record {
-            self.record(observe);
+            record_tick(&mut self.rollout, observe, inputs, size);
         }
         let all_run = observe.ends.iter().all(|&end| end == End::Running);
-        let (copies, obs, avail) = if all_run {
-            (&observe.copies, &observe.obs, &observe.avail)
+        let (copies, inputs, avail) = if all_run {
+            (&observe.copies[..], inputs, &observe.avail[..])
         } else {
-            let Running { copies, obs, avail } = &mut self.running;
+            let Running { copies, inputs: of_running, avail } = &mut self.running;
             copies.clear();
-            obs.clear();
+            of_running.clear();
             avail.clear();
             for row in observe.running() {
                 copies.push(observe.copies[row]);
-                obs.extend_from_slice(observe.observation(row));
+                of_running.extend_from_slice(&inputs[row * size..(row + 1) * size]);
                 avail.extend_from_slice(observe.available(row));
             }
-            (&*copies, &*obs, &*avail)
+            (&copies[..], &of_running[..], &avail[..])
         };
-        self.ppo.act(copies, obs, avail, rng, &mut self.actions);
-        if record {
-            for (&copy, &action) in copies.iter().zip(&self.actions) {
+        let actions = &mut self.actions;
+        match &mut self.method {
+            Method::Ppo { ppo, in_tests } => {
+                let choice = if observe.mode == Mode::Test { *in_tests } else { Choice::Sample };
+                ppo.act(copies, inputs, avail, choice, rng, actions);
+            }
+            Method::Q(q) => {
+                let epsilon = match observe.mode {
+                    Mode::Test => q.settings.test_epsilon,
+                    _ => q.epsilon(observe.t_env),
+                };
+                q.iql.act(copies, inputs, avail, epsilon, rng, actions);
+            }
+        }
+        for (&copy, &action) in copies.iter().zip(actions.iter()) {
+            self.input.acted(copy, action);
+            if record {
                 self.rollout.act(usize::from(copy), action);
             }
         }
         &self.actions
-    }
-
-    fn record(&mut self, observe: &Observe) {
-        for row in 0..observe.rows() {
-            let copy = usize::from(observe.copies[row]);
-            if observe.tick > 0 {
-                let end = match observe.ends[row] {
-                    End::Running => rollout::End::Running,
-                    End::Terminated => rollout::End::Terminated,
-                    End::TimeLimit => rollout::End::TimeLimit,
-                };
-                self.rollout.outcome(copy, observe.rewards[row], end);
-            }
-            self.rollout.observe(copy, observe.observation(row), observe.available(row));
-        }
     }
 
     /// Environment steps of the recorded round.
@@ -118,22 +226,92 @@ impl Learner {
         self.rollout.episodes().iter().map(|episode| episode.len() as u64).sum()
     }
 
-    /// The update call on the recorded round.
-    pub fn update(&mut self, lr: f64) -> UpdateStats {
-        self.ppo.update(&self.rollout, lr)
+    /// Into how many lessons the recorded round falls: one for PPO, one for each episode in Q-learning (§5.1).
+    pub fn lessons(&self) -> usize {
+        match &self.method {
+            Method::Ppo { .. } => 1,
+            Method::Q(_) => self.rollout.episodes().len(),
+        }
     }
 
-    /// Everything that the next update call depends on.
-    pub fn checkpoint(&self, unlogged: &Unlogged, metrics: Position) -> Checkpoint {
-        let saved = Saved { counters: self.ppo.counters(), unlogged: unlogged.clone(), metrics };
+    /// Update calls that the lessons of the recorded round will make: fewer than lessons, while too few episodes
+    /// are remembered.
+    pub fn updates_due(&self) -> u64 {
+        match &self.method {
+            Method::Ppo { .. } => 1,
+            Method::Q(q) => {
+                let after = q.remembered() + self.rollout.episodes().len();
+                let first = (q.settings.batch as usize).max(q.remembered() + 1);
+                (after + 1).saturating_sub(first) as u64
+            }
+        }
+    }
+
+    /// One lesson, with at most one update call at the learning rate `lr`; what it reports.
+    ///
+    /// # Errors
+    /// If the disk fails on which episodes are remembered.
+    pub fn learn(&mut self, lesson: usize, t_env: u64, lr: f64) -> Result<Option<Scalars>, Failure> {
+        match &mut self.method {
+            Method::Ppo { ppo, .. } => Ok(Some(of_ppo(&ppo.update(&self.rollout, lr), lr))),
+            Method::Q(q) => {
+                let epsilon = q.epsilon(t_env);
+                let replay = q.replay.as_mut().expect("a learner that learns was started with one");
+                replay.push(&self.rollout.episodes()[lesson])?;
+                let batch = q.settings.batch as usize;
+                if replay.len() < batch {
+                    return Ok(None);
+                }
+                let mut rng = stream(self.seed, &owner(self.id), "replay", &[q.iql.update_calls()]);
+                let stats = q.iql.update(replay.sample(batch, &mut rng)?, lr);
+                Ok(Some(of_q(&stats, lr, epsilon)))
+            }
+        }
+    }
+
+    /// Ends the round whose lessons have been learned.
+    pub fn end_round(&mut self) {
+        self.rounds += 1;
+    }
+
+    /// Everything that the next round depends on.
+    ///
+    /// # Errors
+    /// If the disk fails on which episodes are remembered.
+    pub fn checkpoint(&mut self, unlogged: &Unlogged, metrics: Position) -> Result<Checkpoint, Failure> {
+        let (counters, tensors) = match &mut self.method {
+            Method::Ppo { ppo, .. } => (Counters::Ppo(ppo.counters()), ppo.tensors()),
+            Method::Q(q) => {
+                let remembered = q.replay.as_ref().map_or(Ok(0), Replay::sync)?;
+                (Counters::Q { counters: q.iql.counters(), remembered }, q.iql.tensors())
+            }
+        };
+        let saved = Saved { rounds: self.rounds, counters, unlogged: unlogged.clone(), metrics };
         let state = serde_json::to_vec(&saved).expect("numbers and strings always serialise");
-        let tensors = self.ppo.tensors().into_iter();
+        let tensors = tensors.into_iter();
         let tensors =
             tensors.map(|(name, shape, data)| Tensor { name, shape, data: data.to_vec() }).collect();
-        Checkpoint { round: self.ppo.update_calls(), state, tensors }
+        Ok(Checkpoint { round: self.rounds, state, tensors })
     }
 
-    /// Goes back to a checkpoint.
+    /// The checkpoint just made is on the disk: what no kept checkpoint can come back to is forgotten.
+    ///
+    /// # Errors
+    /// If the disk fails.
+    pub fn saved(&mut self) -> Result<(), Failure> {
+        let Method::Q(q) = &mut self.method else { return Ok(()) };
+        let Q { replay: Some(replay), saved, settings, .. } = &mut **q else { return Ok(()) };
+        saved.push_back(replay.position());
+        if saved.len() > KEEP {
+            saved.pop_front();
+        }
+        if saved.len() == KEEP {
+            replay.forget_before(saved[0].saturating_sub(u64::from(settings.buffer)))?;
+        }
+        Ok(())
+    }
+
+    /// Goes back to the networks and counters of a checkpoint.
     ///
     /// # Errors
     /// If it is of another kind of learner or its state cannot be read.
@@ -146,43 +324,71 @@ impl Learner {
         let find = |name: &str| {
             checkpoint.tensors.iter().find(|tensor| tensor.name == name).map(|tensor| tensor.data.as_slice())
         };
-        self.ppo.restore(&saved.counters, find).map_err(|e| of_round(e.to_string()))?;
+        match (&mut self.method, &saved.counters) {
+            (Method::Ppo { ppo, .. }, Counters::Ppo(counters)) => ppo.restore(counters, find),
+            (Method::Q(q), Counters::Q { counters, .. }) => q.iql.restore(counters, find),
+            _ => return Err(of_round("it was written by another kind of learner".to_owned())),
+        }
+        .map_err(|error| of_round(error.to_string()))?;
+        self.rounds = saved.rounds;
         Ok(saved)
     }
+}
+
+impl Q {
+    fn epsilon(&self, t_env: u64) -> f64 {
+        let QLearning { epsilon_start, epsilon_finish, epsilon_anneal, .. } = self.settings;
+        iql::epsilon(t_env, epsilon_start, epsilon_finish, epsilon_anneal)
+    }
+
+    fn remembered(&self) -> usize {
+        self.replay.as_ref().map_or(0, Replay::len)
+    }
+}
+
+/// Notes what a tick shows of each copy, and what its last action earned.
+fn record_tick(rollout: &mut Rollout, observe: &Observe, inputs: &[f32], size: usize) {
+    for (row, input) in inputs.chunks_exact(size).enumerate() {
+        let copy = usize::from(observe.copies[row]);
+        if observe.tick > 0 {
+            let end = match observe.ends[row] {
+                End::Running => rollout::End::Running,
+                End::Terminated => rollout::End::Terminated,
+                End::TimeLimit => rollout::End::TimeLimit,
+            };
+            rollout.outcome(copy, observe.rewards[row], end);
+        }
+        rollout.observe(copy, input, observe.available(row));
+    }
+}
+
+fn of_ppo(stats: &ppo::UpdateStats, lr: f64) -> Scalars {
+    vec![
+        ("actor_loss", stats.actor_loss),
+        ("critic_loss", stats.critic_loss),
+        ("entropy", stats.entropy),
+        ("actor_grad_norm", stats.actor_grad_norm),
+        ("critic_grad_norm", stats.critic_grad_norm),
+        ("clip_fraction", stats.clip_fraction),
+        ("advantage_mean", stats.advantage_mean),
+        ("target_mean", stats.target_mean),
+        ("lr", lr),
+    ]
+}
+
+fn of_q(stats: &iql::UpdateStats, lr: f64, epsilon: f64) -> Scalars {
+    vec![
+        ("loss", stats.loss),
+        ("grad_norm", stats.grad_norm),
+        ("td_error_abs", stats.td_error_abs),
+        ("q_taken_mean", stats.q_taken_mean),
+        ("target_mean", stats.target_mean),
+        ("epsilon", epsilon),
+        ("lr", lr),
+    ]
 }
 
 /// The owner of an agent's random streams.
 pub fn owner(id: u32) -> String {
     format!("agent/{id}")
-}
-
-fn hyperparameters(config: &Config) -> ppo::Config {
-    let algo = &config.algo;
-    ppo::Config {
-        actor: match algo.network {
-            config::Network::Fc => Kind::Fc,
-            config::Network::Gru => Kind::Gru,
-        },
-        hidden: algo.hidden as usize,
-        agents: config.world.agents as usize,
-        gamma: algo.gamma as f32,
-        epochs: algo.epochs as usize,
-        clip: algo.clip as f32,
-        entropy_coef: algo.entropy_coef as f32,
-        n_step: algo.n_step as usize,
-        target_update: algo.target_update,
-        max_grad_norm: algo.max_grad_norm,
-        end_of_batch: match algo.end_of_batch {
-            config::EndOfBatch::Epymarl => EndOfBatch::Epymarl,
-            config::EndOfBatch::NoBootstrap => EndOfBatch::NoBootstrap,
-            config::EndOfBatch::Benchmark2021 => EndOfBatch::Benchmark2021,
-            config::EndOfBatch::Correct => EndOfBatch::Correct,
-        },
-        reward_standardisation: match algo.reward_standardisation {
-            config::RewardStandardisation::Off => Standardisation::Off,
-            config::RewardStandardisation::Running => Standardisation::Running,
-            config::RewardStandardisation::Batch => Standardisation::Batch,
-        },
-        hold_frozen_moments: algo.frozen_moments == config::FrozenMoments::Hold,
-    }
 }

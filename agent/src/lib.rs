@@ -8,15 +8,21 @@
 //! the last edge.
 
 mod join;
-mod learner;
-mod progress;
 mod timetable;
 mod train;
+
+mod input;
+mod learner;
+mod replay;
+mod settings;
+
+mod progress;
 
 use std::process::ExitCode;
 
 use proto::exit;
 
+pub use learner::Learner;
 pub use train::{run, Left};
 
 /// Arguments of the role's process.

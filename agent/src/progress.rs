@@ -3,10 +3,11 @@
 
 use std::time::Instant;
 
-use algos::ppo::UpdateStats;
 use proto::control::{Metrics, Rates};
 use serde::{Deserialize, Serialize};
 use store::Row;
+
+use crate::learner::Scalars;
 
 /// Sums over the update calls that no metric row covers yet; part of a checkpoint, so that rows are the
 /// same whether or not a run was interrupted.
@@ -18,43 +19,20 @@ pub struct Unlogged {
     sums: Vec<f64>,
 }
 
-/// What a row reports of an update call, in this order.
-fn scalars(stats: &UpdateStats, lr: f64) -> [(&'static str, f64); 9] {
-    [
-        ("actor_loss", stats.actor_loss),
-        ("critic_loss", stats.critic_loss),
-        ("entropy", stats.entropy),
-        ("actor_grad_norm", stats.actor_grad_norm),
-        ("critic_grad_norm", stats.critic_grad_norm),
-        ("clip_fraction", stats.clip_fraction),
-        ("advantage_mean", stats.advantage_mean),
-        ("target_mean", stats.target_mean),
-        ("lr", lr),
-    ]
-}
-
 impl Unlogged {
     /// Adds an update call after which the run had counted `t_env` environment steps; gives a row of
     /// means when `interval` steps have passed since the last one.
-    pub fn add(
-        &mut self,
-        stats: &UpdateStats,
-        lr: f64,
-        t_env: u64,
-        update_calls: u64,
-        interval: u64,
-    ) -> Option<Row> {
-        let scalars = scalars(stats, lr);
+    pub fn add(&mut self, scalars: &Scalars, t_env: u64, update_calls: u64, interval: u64) -> Option<Row> {
         self.sums.resize(scalars.len(), 0.0);
         self.update_calls += 1;
-        for (sum, (_, value)) in self.sums.iter_mut().zip(&scalars) {
+        for (sum, (_, value)) in self.sums.iter_mut().zip(scalars) {
             *sum += value;
         }
         if t_env - self.last_row < interval {
             return None;
         }
         let count = self.update_calls as f64;
-        let mut row = Row::new(t_env, update_calls);
+        let mut row = Row::of_learner(t_env, update_calls);
         for ((name, _), sum) in scalars.iter().zip(&self.sums) {
             row = row.with(*name, sum / count);
         }
@@ -64,8 +42,8 @@ impl Unlogged {
 }
 
 /// The scalars of an update call for a display.
-pub fn metrics(stats: &UpdateStats, lr: f64, rates: &Rates, t_env: u64, update_calls: u64) -> Metrics {
-    let mut named: Vec<_> = scalars(stats, lr).map(|(name, value)| (name.to_owned(), value)).into();
+pub fn metrics(scalars: &Scalars, rates: &Rates, t_env: u64, update_calls: u64) -> Metrics {
+    let mut named: Vec<_> = scalars.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
     named.push(("fast_agent".to_owned(), f64::from(rates.fast_agent)));
     Metrics { t_env, update_calls, scalars: named }
 }

@@ -109,14 +109,12 @@ struct Round {
 impl<'a> Agent<'a> {
     fn start(role: &'a Role, id: u32, seat: Seat) -> Result<Self, Failure> {
         let Role { bus, keys, config, folder, .. } = role;
-        let mut learner = Learner::new(config, id, &seat);
-        let checkpoints = folder.checkpoints();
-        let (mut unlogged, mut position) = (Unlogged::default(), Position::START);
-        if seat.round > 0 {
-            let saved = learner.restore(&checkpoints.load(seat.round)?)?;
-            (unlogged, position) = (saved.unlogged, saved.metrics);
-        }
-        checkpoints.discard_after(seat.round)?;
+        let (learner, saved) = Learner::start(config, id, &seat, folder)?;
+        let (unlogged, position) = match saved {
+            Some(saved) => (saved.unlogged, saved.metrics),
+            None => (Unlogged::default(), Position::START),
+        };
+        folder.checkpoints().discard_after(seat.round)?;
         Ok(Self {
             act: bus.publisher(&keys.act(id))?,
             progress: bus.publisher(&keys.progress(id))?,
@@ -249,7 +247,7 @@ impl<'a> Agent<'a> {
 
     /// Whether a tick is the one after the last answer: the next in its round, or the start of one.
     fn is_next(&self, id: &TickId) -> bool {
-        let round_is_ours = id.epoch == self.seat.epoch && id.round == self.learner.update_calls();
+        let round_is_ours = id.epoch == self.seat.epoch && id.round == self.learner.rounds();
         round_is_ours
             && match self.round.answered {
                 _ if id.tick == 0 => true,
@@ -283,35 +281,45 @@ impl<'a> Agent<'a> {
         Ok(timed(&mut self.seconds.messages, || self.act.send(&self.round.reply_bytes))?)
     }
 
-    /// The update call that ends a round, and what follows from it.
+    /// The update calls that end a round, and what follows from them.
     fn learn(&mut self, t_env_before: u64) -> Result<(), Failure> {
-        let update_call = self.learner.update_calls();
-        let rates = match self.rates(update_call) {
-            Ok(rates) => rates,
-            Err(failure) => {
-                // The update call has not begun: this is still the edge before it.
+        let first = self.learner.update_calls();
+        for update_call in first..first + self.learner.updates_due() {
+            if let Err(failure) = self.rates(update_call) {
+                // Nothing has been learned from this round: this is still the edge before it.
                 self.save()?;
                 return Err(failure);
             }
-        };
-        let lr = rates.rate_of(self.id).ok_or_else(|| {
-            let text = format!("the schedule has {} agents and none with id {}", rates.levels.len(), self.id);
+        }
+        let t_env = t_env_before + self.learner.steps();
+        for lesson in 0..self.learner.lessons() {
+            self.lesson(lesson, t_env_before, t_env)?;
+        }
+        self.learner.end_round();
+        self.timetable.forget_before(self.learner.update_calls());
+        if self.learner.rounds().is_multiple_of(self.role.config.save.interval) {
+            self.save()?;
+        }
+        Ok(())
+    }
+
+    fn lesson(&mut self, lesson: usize, t_env_before: u64, t_env: u64) -> Result<(), Failure> {
+        // None in a lesson that makes no update call.
+        let rates = self.timetable.covering(self.learner.update_calls());
+        let lr = rates.map_or(Some(0.0), |rates| rates.rate_of(self.id)).ok_or_else(|| {
+            let text = format!("the schedule has no agent with id {}", self.id);
             Failure::new(exit::CONFIG, text)
         })?;
-        let t_env = t_env_before + self.learner.steps();
-        let stats = timed(&mut self.seconds.update, || self.learner.update(lr));
+        let learned = timed(&mut self.seconds.update, || self.learner.learn(lesson, t_env_before, lr))?;
+        let (Some(scalars), Some(rates)) = (learned, rates) else { return Ok(()) };
         let update_calls = self.learner.update_calls();
         let told = encode(&Progress { update_calls }).map_err(|error| Failure::new(exit::BUG, error))?;
         self.progress.send(&told)?;
-        self.display.show(false, || metrics(&stats, lr, &rates, t_env, update_calls));
-        self.timetable.forget_before(update_calls);
-        if let Some(row) = self.unlogged.add(&stats, lr, t_env, update_calls, self.role.config.log.interval) {
+        self.display.show(false, || metrics(&scalars, rates, t_env, update_calls));
+        if let Some(row) = self.unlogged.add(&scalars, t_env, update_calls, self.role.config.log.interval) {
             let mut disk = 0.0;
             timed(&mut disk, || self.metrics.append(&row))?;
             self.seconds.disk += disk;
-        }
-        if update_calls.is_multiple_of(self.role.config.save.interval) {
-            self.save()?;
         }
         Ok(())
     }
@@ -356,20 +364,21 @@ impl<'a> Agent<'a> {
 
     /// Saves the round edge that this agent is at, unless that has been done.
     fn save(&mut self) -> Result<(), Failure> {
-        let round = self.learner.update_calls();
+        let round = self.learner.rounds();
         if self.saved == Some(round) || round == 0 {
             return Ok(());
         }
         let start = Instant::now();
         let position = self.metrics.sync()?;
-        self.role.folder.checkpoints().save(&self.learner.checkpoint(&self.unlogged, position))?;
+        self.role.folder.checkpoints().save(&self.learner.checkpoint(&self.unlogged, position)?)?;
+        self.learner.saved()?;
         self.seconds.disk += start.elapsed().as_secs_f64();
         self.saved = Some(round);
         Ok(())
     }
 
     fn abandoned(&self, world_gone: bool) -> Failure {
-        let round = self.learner.update_calls();
+        let round = self.learner.rounds();
         let saved = if round > 0 { "its checkpoint is saved" } else { "there is nothing to save yet" };
         let what = if world_gone {
             format!("the env-server has left run `{}` in round {round}", self.role.config.run)

@@ -105,6 +105,15 @@ pub struct Counters {
     pub reward_stats: RewardStats,
 }
 
+/// How probabilities become an action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Choice {
+    /// By chance, as in training.
+    Sample,
+    /// The most probable one, the lowest of equals.
+    Greedy,
+}
+
 /// One agent's learner: actor, critic, target critic and their optimisers.
 #[derive(Clone, Debug)]
 pub struct Ppo {
@@ -176,7 +185,7 @@ impl Ppo {
         self.acting.begin(copies, self.config.hidden);
     }
 
-    /// Samples one action for each row from the policy, with probability zero for forbidden ones.
+    /// Chooses one action for each row by the policy, which gives forbidden ones probability zero.
     ///
     /// Row `k` shows environment copy `copies[k]`: `obs` is `rows × obs_size`, `avail` is
     /// `rows × n_actions`. Draws exactly one number per row from `rng`.
@@ -185,6 +194,7 @@ impl Ppo {
         copies: &[u16],
         obs: &[f32],
         avail: &[u8],
+        choice: Choice,
         rng: &mut impl Rng,
         actions: &mut Vec<u16>,
     ) {
@@ -193,7 +203,11 @@ impl Ppo {
         actions.clear();
         for (logits, avail) in out.chunks_exact_mut(n_actions).zip(avail.chunks_exact(n_actions)) {
             loss::softmax(logits, avail);
-            actions.push(loss::sample(logits, rng.random()));
+            let u = rng.random();
+            actions.push(match choice {
+                Choice::Sample => loss::sample(logits, u),
+                Choice::Greedy => loss::most_probable(logits),
+            });
         }
     }
 

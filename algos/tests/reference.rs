@@ -2,7 +2,7 @@
 //! `B × T` tensors with masks, double precision, candle's automatic differentiation, no kernels of ours.
 
 use algos::network::Kind;
-use algos::ppo::{Config, Ppo};
+use algos::ppo::{Choice, Config, Ppo};
 use algos::returns::EndOfBatch;
 use algos::reward_stats::Standardisation;
 use algos::rollout::{End, Rollout};
@@ -59,7 +59,7 @@ fn play(learner: &mut Ppo, lengths: &[usize], reward_scale: f32, rng: &mut ChaCh
             }
         }
         if t < longest {
-            learner.act(&copies, &all_obs, &all_avail, rng, &mut actions);
+            learner.act(&copies, &all_obs, &all_avail, Choice::Sample, rng, &mut actions);
             for (&copy, &action) in copies.iter().zip(&actions) {
                 rollout.act(usize::from(copy), action);
             }

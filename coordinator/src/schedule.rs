@@ -20,11 +20,11 @@ pub fn turn(u: u64, s: u64, n: u64) -> u64 {
 /// What holds in update call `u`, and for how long.
 pub fn rates(config: &Config, u: u64) -> Rates {
     let n = u64::from(config.world.agents);
-    // With gradient steps as the unit one update call is `epochs` of them, and keeps the rates with
-    // which it begins.
-    let steps_per_call = match config.schedule.switch_unit {
-        SwitchUnit::UpdateCall => 1,
-        SwitchUnit::GradientStep => u64::from(config.algo.epochs),
+    // With gradient steps as the unit one update call of PPO is `epochs` of them, and keeps the rates with
+    // which it begins; one of Q-learning is a single step.
+    let steps_per_call = match (config.schedule.switch_unit, &config.ppo) {
+        (SwitchUnit::GradientStep, Some(ppo)) => u64::from(ppo.epochs),
+        (SwitchUnit::UpdateCall, _) | (SwitchUnit::GradientStep, None) => 1,
     };
     let (period, from, until) = match config.schedule.switch_period {
         Period::Infinite => (0, 0, Rates::FOR_EVER),

@@ -1,6 +1,7 @@
 //! Where worlds meet messages: environment copies on one side, one [`Observe`] for each agent on the other.
 
 use envs::{Sizes, Task, World};
+use proto::config::Reward;
 use proto::stream::stream;
 use proto::{End, Mode, Observe};
 use rand_chacha::ChaCha8Rng;
@@ -10,17 +11,22 @@ struct Copy {
     world: Box<dyn World>,
     rng: ChaCha8Rng,
     end: End,
-    /// The team's reward for the last step.
-    reward: f64,
+    /// Each agent's own reward for the last step.
+    rewards: Vec<f64>,
+    /// Each agent's own undiscounted sum of rewards.
+    returns: Vec<f64>,
+    /// The undiscounted sum of the team's rewards.
     episode_return: f64,
     length: u64,
 }
 
 /// A finished episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Played {
-    /// Undiscounted sum of the team's rewards.
+pub struct Played<'a> {
+    /// Undiscounted sum of the team's rewards: of their mean, where agents learn from the mean.
     pub episode_return: f64,
+    /// Each agent's own.
+    pub returns: &'a [f64],
     /// Steps taken.
     pub length: u64,
 }
@@ -31,27 +37,28 @@ pub struct Copies {
     /// Copies that were running before the last step: the rows of the next message.
     rows: Vec<u16>,
     sizes: Sizes,
-    rewards: Vec<f64>,
+    reward: Reward,
     actions: Vec<u16>,
 }
 
 impl Copies {
-    /// `count` copies of a task.
-    pub fn of(task: &Task, count: u32) -> Self {
+    /// `count` copies of a task, whose agents learn from `reward`.
+    pub fn of(task: &Task, count: u32, reward: Reward) -> Self {
         let sizes = task.sizes().clone();
         let copy = || Copy {
             world: task.make(),
             rng: stream(0, "world", "unused", &[]),
             end: End::Running,
-            reward: 0.0,
+            rewards: vec![0.0; sizes.agents],
+            returns: vec![0.0; sizes.agents],
             episode_return: 0.0,
             length: 0,
         };
         Self {
             copies: (0..count).map(|_| copy()).collect(),
             rows: Vec::new(),
-            rewards: vec![0.0; sizes.agents],
             actions: vec![0; sizes.agents],
+            reward,
             sizes,
         }
     }
@@ -62,7 +69,9 @@ impl Copies {
         for (k, copy) in self.copies.iter_mut().enumerate() {
             copy.rng = stream(seed, "world", purpose, &[round, k as u64]);
             copy.world.reset(&mut copy.rng);
-            (copy.end, copy.reward, copy.episode_return, copy.length) = (End::Running, 0.0, 0.0, 0);
+            copy.rewards.fill(0.0);
+            copy.returns.fill(0.0);
+            (copy.end, copy.episode_return, copy.length) = (End::Running, 0.0, 0);
         }
         self.rows.clear();
         self.rows.extend(0..self.copies.len() as u16);
@@ -81,7 +90,7 @@ impl Copies {
         for (&row, (obs, avail)) in self.rows.iter().zip(places) {
             let copy = &self.copies[usize::from(row)];
             to.ends.push(copy.end);
-            to.rewards.push(copy.reward as f32);
+            to.rewards.push(self.reward_of(agent, &copy.rewards) as f32);
             copy.world.observe(agent, obs);
             copy.world.available(agent, avail);
         }
@@ -113,22 +122,43 @@ impl Copies {
                 *joint = of_agent[k];
             }
             let copy = &mut self.copies[usize::from(row)];
-            copy.end = match copy.world.step(&self.actions, &mut copy.rng, &mut self.rewards) {
+            copy.end = match copy.world.step(&self.actions, &mut copy.rng, &mut copy.rewards) {
                 envs::End::Running => End::Running,
                 envs::End::Terminated => End::Terminated,
                 envs::End::TimeLimit => End::TimeLimit,
             };
-            // Spec §2.5: the common reward is the sum over the team.
-            copy.reward = self.rewards.iter().sum();
-            copy.episode_return += copy.reward;
+            copy.episode_return += match self.reward {
+                Reward::Mean => mean(&copy.rewards),
+                Reward::Sum | Reward::Individual => copy.rewards.iter().sum(),
+            };
+            for (sum, reward) in copy.returns.iter_mut().zip(&copy.rewards) {
+                *sum += reward;
+            }
             copy.length += 1;
         }
     }
 
-    /// The episodes just played, by copy.
-    pub fn played(&self) -> impl Iterator<Item = Played> + '_ {
-        self.copies.iter().map(|copy| Played { episode_return: copy.episode_return, length: copy.length })
+    /// What an agent learns from (spec §2.5), out of everybody's own rewards.
+    fn reward_of(&self, agent: usize, rewards: &[f64]) -> f64 {
+        match self.reward {
+            Reward::Sum => rewards.iter().sum(),
+            Reward::Mean => mean(rewards),
+            Reward::Individual => rewards[agent],
+        }
     }
+
+    /// The episodes just played, by copy.
+    pub fn played(&self) -> impl Iterator<Item = Played<'_>> + '_ {
+        self.copies.iter().map(|copy| Played {
+            episode_return: copy.episode_return,
+            returns: &copy.returns,
+            length: copy.length,
+        })
+    }
+}
+
+fn mean(rewards: &[f64]) -> f64 {
+    rewards.iter().sum::<f64>() / rewards.len() as f64
 }
 
 #[cfg(test)]
@@ -138,7 +168,7 @@ mod tests {
     #[test]
     fn a_message_has_the_copies_that_were_running_and_their_reward() {
         let task = envs::task("lbf-5x5-2p-1f").expect("a task");
-        let mut copies = Copies::of(&task, 3);
+        let mut copies = Copies::of(&task, 3, Reward::Sum);
         copies.reset(1, Mode::Train, 0);
         let mut observe = Observe::default();
         copies.show(1, &mut observe);
@@ -161,7 +191,7 @@ mod tests {
     fn the_same_seed_and_round_give_the_same_episodes_and_tests_are_others() {
         let task = envs::task("lbf-8x8-2p-2f-coop").expect("a task");
         let starts = |seed, mode, round| {
-            let mut copies = Copies::of(&task, 4);
+            let mut copies = Copies::of(&task, 4, Reward::Sum);
             copies.reset(seed, mode, round);
             let mut observe = Observe::default();
             copies.show(0, &mut observe);
@@ -177,7 +207,7 @@ mod tests {
     #[test]
     fn an_action_that_does_not_exist_is_found() {
         let task = envs::task("lbf-5x5-2p-1f").expect("a task");
-        let mut copies = Copies::of(&task, 2);
+        let mut copies = Copies::of(&task, 2, Reward::Sum);
         copies.reset(1, Mode::Train, 0);
         assert_eq!(copies.check(0, &[0, 5]), Ok(()));
         assert_eq!(copies.check(0, &[0, 6]), Err((1, 6)));

@@ -8,12 +8,17 @@ mod record;
 mod round;
 mod run;
 mod seats;
+mod task;
 
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use process::Failure;
 use proto::exit;
 
+pub use convert::{Copies, Played};
 pub use run::{run, Closed};
+pub use task::{task, OPPONENT_FILE};
 
 /// Arguments of the role's process.
 #[derive(Debug, Clone, clap::Args)]
@@ -23,14 +28,29 @@ pub struct Arguments {
     /// Endpoint to listen on, for example `tcp/192.0.2.7:7447`
     #[arg(long, value_name = "ENDPOINT", required = true)]
     pub listen: Vec<String>,
+    /// The opponent's weights, if the configuration names a file of its own; kept in the run folder
+    #[arg(long, value_name = "FILE")]
+    pub opponent: Option<PathBuf>,
 }
 
 /// The whole process: opens what the arguments say and runs until the run is closed.
 pub fn main(arguments: &Arguments) -> ExitCode {
-    let attempt = || run(arguments.common.open("world", arguments.listen.clone(), vec![])?);
+    let attempt = || {
+        let role = arguments.common.open("world", arguments.listen.clone(), vec![])?;
+        if let Some(file) = &arguments.opponent {
+            role.folder.keep_in_run(OPPONENT_FILE, &read(file)?)?;
+        }
+        run(role)
+    };
     match attempt() {
         Ok(Closed::Finished) => ExitCode::from(exit::DONE),
         Ok(Closed::Stopped) => ExitCode::from(exit::AGAIN),
         Err(failure) => process::report(&failure),
     }
+}
+
+/// A whole file.
+fn read(file: &Path) -> Result<Vec<u8>, Failure> {
+    std::fs::read(file)
+        .map_err(|error| Failure::new(exit::IO, format!("cannot read {}: {error}", file.display())))
 }

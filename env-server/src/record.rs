@@ -1,5 +1,6 @@
 //! What the env-server writes down: metric rows, its own checkpoints, a report, scalars for a display.
 
+use proto::config::Reward;
 use proto::control::Metrics;
 use serde::{Deserialize, Serialize};
 use store::Row;
@@ -31,17 +32,34 @@ pub struct Unlogged {
     returns: f64,
     squares: f64,
     lengths: u64,
+    /// Of each agent's own returns, where these are what agents learn from; else empty.
+    #[serde(default)]
+    of_agents: Vec<f64>,
 }
 
 impl Unlogged {
-    /// Adds the episodes of a round.
-    pub fn add(&mut self, played: impl Iterator<Item = Played>) {
+    /// Adds the episodes of a round; each agent's own returns count where agents learn from them.
+    pub fn add<'a>(&mut self, played: impl Iterator<Item = Played<'a>>, reward: Reward) {
         for episode in played {
             self.episodes += 1;
             self.returns += episode.episode_return;
             self.squares += episode.episode_return * episode.episode_return;
             self.lengths += episode.length;
+            if reward == Reward::Individual {
+                self.of_agents.resize(episode.returns.len(), 0.0);
+                for (sum, own) in self.of_agents.iter_mut().zip(episode.returns) {
+                    *sum += own;
+                }
+            }
         }
+    }
+
+    /// Adds the agents' own mean returns to a row, where they are known.
+    fn own_returns(&self, row: Row, prefix: &str) -> Row {
+        let own = self.of_agents.iter().enumerate();
+        own.fold(row, |row, (agent, sum)| {
+            row.with(format!("{prefix}agent_{agent}_return_mean"), sum / self.episodes as f64)
+        })
     }
 
     fn mean(&self) -> f64 {
@@ -77,13 +95,12 @@ impl Edge {
         }
         self.last_row = self.t_env;
         let played = std::mem::take(&mut self.unlogged);
-        Some(
-            Row::new(self.t_env, self.round)
-                .with("return_mean", played.mean())
-                .with("return_std", played.std())
-                .with("ep_length_mean", played.ep_length_mean())
-                .with("episodes", played.episodes as f64),
-        )
+        let row = Row::of_world(self.t_env, self.round)
+            .with("return_mean", played.mean())
+            .with("return_std", played.std())
+            .with("ep_length_mean", played.ep_length_mean())
+            .with("episodes", played.episodes as f64);
+        Some(played.own_returns(row, ""))
     }
 
     /// The scalars of this edge for a display.
@@ -98,11 +115,12 @@ impl Edge {
         self.last_test = Some(self.t_env);
         self.test_return_mean = Some(mean);
         self.best_test_return_mean = Some(self.best_test_return_mean.map_or(mean, |best| best.max(mean)));
-        Row::new(self.t_env, self.round)
+        let row = Row::of_world(self.t_env, self.round)
             .with("test_return_mean", mean)
             .with("test_return_std", test.std())
             .with("test_ep_length_mean", test.ep_length_mean())
-            .with("test_episodes", test.episodes as f64)
+            .with("test_episodes", test.episodes as f64);
+        test.own_returns(row, "test_")
     }
 }
 
@@ -149,8 +167,8 @@ mod tests {
     #[test]
     fn mean_and_deviation_of_returns_are_those_computed_by_hand() {
         let mut sums = Unlogged::default();
-        let of = |episode_return, length| Played { episode_return, length };
-        sums.add([of(0.0, 50), of(1.0, 10), of(0.5, 30)].into_iter());
+        let of = |episode_return, length| Played { episode_return, returns: &[], length };
+        sums.add([of(0.0, 50), of(1.0, 10), of(0.5, 30)].into_iter(), Reward::Sum);
         assert_eq!((sums.mean(), sums.ep_length_mean(), sums.steps()), (0.5, 30.0, 90));
         assert!((sums.std() - (1.0f64 / 6.0).sqrt()).abs() < 1e-12);
     }
@@ -160,7 +178,7 @@ mod tests {
         let mut edge = Edge { t_env: 300, round: 1, ..Edge::default() };
         assert!(edge.test_is_due(1000));
         let mut test = Unlogged::default();
-        test.add(std::iter::once(Played { episode_return: 0.25, length: 4 }));
+        test.add(std::iter::once(Played { episode_return: 0.25, returns: &[], length: 4 }), Reward::Sum);
         edge.test_row(&test);
         assert_eq!((edge.last_test, edge.best_test_return_mean), (Some(300), Some(0.25)));
         edge.t_env = 1299;

@@ -17,6 +17,7 @@ use crate::convert::Copies;
 use crate::record::{Edge, Report, Seconds, Unlogged};
 use crate::round::{Interrupted, Team, GRACE};
 use crate::seats::Seats;
+use crate::task::task;
 
 /// How a run ended without an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,7 +43,7 @@ struct Saved {
 /// (they are named), leave or fall silent for as long, or the disk fails.
 pub fn run(role: Role) -> Result<Closed, Failure> {
     let Role { ref bus, ref config, ref keys, ref events, ref folder, wait, .. } = role;
-    let task = checked_task(config)?;
+    let task = task(config, folder.run())?;
     let agents = config.world.agents;
 
     let mut guards = Vec::new();
@@ -93,24 +94,13 @@ pub fn run(role: Role) -> Result<Closed, Failure> {
         saved: (round > 0).then_some(round),
         steps_before: edge.t_env,
         edge,
-        training: Copies::of(&task, config.world.copies),
-        testing: Copies::of(&task, config.test.episodes),
+        training: Copies::of(&task, config.world.copies, config.world.reward),
+        testing: Copies::of(&task, config.test.episodes, config.world.reward),
         team: Team::new(keys.clone(), seats, observe, events, wait),
     };
     let closed = server.rounds();
     server.report(&role)?;
     closed
-}
-
-fn checked_task(config: &Config) -> Result<envs::Task, Failure> {
-    let task = envs::task(&config.world.task).map_err(|error| Failure::new(exit::CONFIG, error))?;
-    let agents = task.sizes().agents;
-    if agents != config.world.agents as usize {
-        let text =
-            format!("`world.agents` is {}, but {} has {agents}", config.world.agents, config.world.task);
-        return Err(Failure::new(exit::CONFIG, text));
-    }
-    Ok(task)
 }
 
 /// Hears who comes until nobody is `missing` any more.
@@ -230,7 +220,7 @@ impl Server<'_> {
         let id = TickId { epoch: self.epoch, round: self.edge.round, mode: Mode::Train, tick: 0 };
         self.team.play(&mut self.training, id, self.edge.t_env, self.config.seed)?;
         let before = self.edge.unlogged.steps();
-        self.edge.unlogged.add(self.training.played());
+        self.edge.unlogged.add(self.training.played(), self.config.world.reward);
         self.edge.t_env += self.edge.unlogged.steps() - before;
         self.edge.round += 1;
         if let Some(row) = self.edge.training_row(self.config.log.interval) {
@@ -253,7 +243,7 @@ impl Server<'_> {
         self.team.seconds = Seconds { updates, ..before };
         self.team.seconds.tests += start.elapsed().as_secs_f64() - (updates - before.updates);
         let mut test = Unlogged::default();
-        test.add(self.testing.played());
+        test.add(self.testing.played(), self.config.world.reward);
         let row = self.edge.test_row(&test);
         self.write(&row)?;
         self.display.show(true, || self.edge.metrics());

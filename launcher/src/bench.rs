@@ -120,19 +120,11 @@ impl Bench {
 
     fn measure(&self, task: &str, copies: u32, place: Place) -> Result<Measured, Failure> {
         let experiment = Experiment {
-            task: task.to_owned(),
-            algo: "ippo".to_owned(),
-            lr_fast: None,
-            lr_slow: None,
-            switch_period: None,
             t_max: Some(self.steps),
-            seed: 1,
             envs: Some(copies),
             test_interval: Some(self.steps),
             test_episodes: Some(1),
-            paper: false,
-            profile: "epymarl".to_owned(),
-            settings: vec![],
+            ..Experiment::of(task, "ippo")
         };
         let mut runs = Vec::new();
         for seed in 1..=self.runs {

@@ -1,9 +1,11 @@
 //! From the words on the command line to a complete configuration.
 
+use envs::{Opponent, Task};
 use process::Failure;
-use proto::config::{AlgoName, Config, Period, Profile};
+use proto::config::{AlgoName, Config, ConfigError, Period, Profile, Reward, Timescales};
 use proto::presets::{self, Family};
 use proto::{exit, Observe};
+use store::RunFolder;
 
 /// The task that `rondo train` takes when it is given none: small enough to watch it being learned.
 pub const DEFAULT_TASK: &str = "lbf-5x5-2p-1f";
@@ -20,7 +22,8 @@ pub struct Experiment {
     /// The task, for example lbf-8x8-2p-2f-coop; `rondo tasks` lists them
     #[arg(default_value = DEFAULT_TASK)]
     pub task: String,
-    /// Algorithm: mtppo (multi-timescale), ippo (independent) or sppo (sequential)
+    /// Algorithm: mtppo (multi-timescale), ippo (independent) or sppo (sequential), and the same three with
+    /// Q-learning: mtql, iql, sql
     #[arg(long, default_value = "mtppo")]
     pub algo: String,
     /// Learning rate of the agent whose turn it is
@@ -38,27 +41,63 @@ pub struct Experiment {
     /// All chance in a run follows from it
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Environment copies, each good for one episode per update call
+    /// Environment copies: episodes per update call of PPO; with Q-learning, episodes played side by side, with an
+    /// update call for each
     #[arg(long, value_name = "B")]
     pub envs: Option<u32>,
+    /// Version of the world's rules; `rondo tasks TASK` lists them
+    #[arg(long, value_name = "VERSION")]
+    pub rules: Option<String>,
+    /// Who plays what the team does not control: builtin, random, still, or a file of weights
+    #[arg(long, value_name = "WHO")]
+    pub opponent: Option<String>,
+    /// What agents learn from: sum or mean of the team's rewards, or individual
+    #[arg(long, value_name = "REWARD", default_value = "sum")]
+    pub reward: String,
+    /// Pad observations and actions to the largest of the team (`--pad=false` takes it back from `--paper`)
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true", require_equals = true)]
+    pub pad: Option<bool>,
     /// Environment steps between tests
     #[arg(long, value_name = "N")]
     pub test_interval: Option<u64>,
     /// Episodes per test
     #[arg(long, value_name = "N")]
     pub test_episodes: Option<u32>,
-    /// The paper's budget, test points and rule versions for this task
+    /// The paper's budget, test points, rule version and padding for this task
     #[arg(long)]
     pub paper: bool,
     /// Published variant of the algorithms: epymarl or benchmark2021
     #[arg(long, default_value = "epymarl")]
     pub profile: String,
-    /// Set any key of the configuration, for example `algo.hidden=64` or `schedule.levels=[0,1,1]`
+    /// Set any key of the configuration, for example `algo.hidden=64`, `q.batch=64` or `schedule.levels=[0,1,1]`
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<String>,
 }
 
 impl Experiment {
+    /// What `rondo train TASK --algo ALGO` means.
+    pub fn of(task: &str, algo: &str) -> Self {
+        Self {
+            task: task.to_owned(),
+            algo: algo.to_owned(),
+            lr_fast: None,
+            lr_slow: None,
+            switch_period: None,
+            t_max: None,
+            seed: 1,
+            envs: None,
+            rules: None,
+            opponent: None,
+            reward: Reward::Sum.as_str().to_owned(),
+            pad: None,
+            test_interval: None,
+            test_episodes: None,
+            paper: false,
+            profile: Profile::Epymarl.as_str().to_owned(),
+            settings: vec![],
+        }
+    }
+
     /// The validated configuration of a run with this name.
     ///
     /// # Errors
@@ -66,8 +105,13 @@ impl Experiment {
     pub fn configure(&self, run: &str) -> Result<Config, Failure> {
         let usage = |error: &dyn std::fmt::Display| Failure::new(exit::CONFIG, error);
         let mut task = envs::task(&self.task).map_err(|e| usage(&e))?;
-        if self.paper {
-            task = task.with_rules(task.family().paper_rules).map_err(|e| usage(&e))?;
+        let paper_rules = self.paper.then_some(task.family().paper_rules);
+        if let Some(rules) = self.rules.as_deref().or(paper_rules) {
+            task = task.with_rules(rules).map_err(|e| usage(&e))?;
+        }
+        let opponent = self.opponent()?;
+        if opponent.policy != Opponent::Builtin {
+            task = task.with_opponent(&opponent.policy).map_err(|e| usage(&e))?;
         }
         let family = Family::named(task.family().name);
         let name = named::<AlgoName>(&self.algo, "algorithm", &AlgoName::ALL.map(AlgoName::as_str))?;
@@ -75,7 +119,10 @@ impl Experiment {
         let agents = task.sizes().agents as u32;
         let mut config = presets::config(run, task.name(), agents, name, family);
         config.seed = self.seed;
-        presets::apply_profile(&mut config.algo, profile, family);
+        presets::apply_profile(&mut config, profile, family);
+        config.world.opponent = opponent.name;
+        config.world.reward = named::<Reward>(&self.reward, "reward", &Reward::ALL.map(Reward::as_str))?;
+        config.world.pad = self.pad.unwrap_or(self.paper);
         self.choose_rates(&mut config, name);
         if let Some(period) = &self.switch_period {
             config.schedule.switch_period = period.parse::<Period>().map_err(|e| usage(&e))?;
@@ -92,16 +139,49 @@ impl Experiment {
         config.log.interval = (config.test.interval / 5).max(1);
         config.world.copies = self.envs.unwrap_or(config.world.copies);
         let config = overridden(config, &self.settings)?;
-        let config = with_transport(config, &task);
+        let config = with_transport(config, task);
         config.validate()?;
         Ok(config)
     }
 
+    /// The opponent and what the configuration calls it: a file is named by its digest.
+    fn opponent(&self) -> Result<Chosen, Failure> {
+        let name = self.opponent.as_deref().unwrap_or("builtin");
+        let policy = match name {
+            "builtin" => Opponent::Builtin,
+            "random" => Opponent::Random,
+            "still" => Opponent::Still,
+            file => {
+                let bytes = std::fs::read(file).map_err(|error| {
+                    let text = format!(
+                        "`--opponent {file}`: expected builtin, random, still or a file of weights, which cannot be \
+                         read: {error}"
+                    );
+                    Failure::new(exit::IO, text)
+                })?;
+                let name = store::digest_of(&bytes);
+                return Ok(Chosen { policy: Opponent::Weights(bytes.into()), name });
+            }
+        };
+        Ok(Chosen { policy, name: name.to_owned() })
+    }
+
+    /// Puts what a run needs beside its configuration into its new folder.
+    ///
+    /// # Errors
+    /// If the opponent's weights cannot be read or written.
+    pub fn furnish(&self, folder: &RunFolder) -> Result<(), Failure> {
+        if let Opponent::Weights(bytes) = self.opponent()?.policy {
+            folder.keep(env_server::OPPONENT_FILE, &bytes)?;
+        }
+        Ok(())
+    }
+
     fn choose_rates(&self, config: &mut Config, name: AlgoName) {
         let rates = &mut config.schedule.rates;
-        match (name, self.lr_fast, self.lr_slow) {
+        match (name.timescales(), self.lr_fast, self.lr_slow) {
             // One rate for all: either option says it.
-            (AlgoName::Ippo, Some(lr), None) | (AlgoName::Ippo, None, Some(lr)) => rates.fill(lr),
+            (Timescales::One, Some(lr), None) | (Timescales::One, None, Some(lr)) => rates.fill(lr),
             (_, fast, slow) => {
                 rates[0] = fast.unwrap_or(rates[0]);
                 if let (Some(slow), Some(rate)) = (slow, rates.get_mut(1)) {
@@ -110,6 +190,12 @@ impl Experiment {
             }
         }
     }
+}
+
+/// An opponent from the command line.
+struct Chosen {
+    policy: Opponent,
+    name: String,
 }
 
 /// A choice by name, with the nearest known one in the error.
@@ -139,6 +225,14 @@ fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure> {
         let (key, value) = setting.split_once('=').ok_or_else(|| bad("there is no `=`"))?;
         let value = format!("x = {value}").parse::<toml::Table>().ok().and_then(|mut t| t.remove("x"));
         let value = value.unwrap_or_else(|| toml::Value::String(setting[key.len() + 1..].to_owned()));
+        if let Some(section) = ["ppo", "q"].into_iter().find(|s| key.starts_with(&format!("{s}."))) {
+            if !table.contains_key(section) {
+                let name = config.algo.name;
+                return Err(bad(&format!(
+                    "`{name}` has no section `{section}`, which is of other algorithms"
+                )));
+            }
+        }
         let mut place = &mut table;
         let mut parts: Vec<&str> = key.split('.').collect();
         let last = parts.pop().filter(|last| !last.is_empty()).ok_or_else(|| bad("the key is empty"))?;
@@ -148,11 +242,18 @@ fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure> {
         }
         place.insert(last.to_owned(), value);
     }
-    Ok(Config::from_toml(&table.to_string())?)
+    Config::from_toml(&table.to_string()).map_err(|error| match error {
+        // Nobody has seen that file, so its line numbers help nobody.
+        ConfigError::UnknownKeys(keys) => {
+            let keys = keys.iter().map(|key| key.split_once(": ").map_or(key.as_str(), |(_, what)| what));
+            Failure::new(exit::CONFIG, format!("`--set`: {}", keys.collect::<Vec<_>>().join("; ")))
+        }
+        other => other.into(),
+    })
 }
 
 /// Chooses the faster transport where the largest message fits it.
-fn with_transport(mut config: Config, task: &envs::Task) -> Config {
+fn with_transport(mut config: Config, task: Task) -> Config {
     let rows = config.world.copies.max(config.test.episodes) as usize;
     let sizes = task.sizes();
     let largest =

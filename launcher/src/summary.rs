@@ -68,7 +68,7 @@ pub fn collect(folder: &RunFolder, config: &Config, wall: Duration) -> Result<Su
         algo: config.algo.name.to_string(),
         seed: config.seed,
         t_env: world["t_env"].as_u64().unwrap_or(0),
-        update_calls: world["rounds"].as_u64().unwrap_or(0),
+        update_calls: roles.get("agent-0").and_then(|role| role["update_calls"].as_u64()).unwrap_or(0),
         test_return_mean: world["test_return_mean"].as_f64(),
         best_test_return_mean: world["best_test_return_mean"].as_f64(),
         wall_seconds: wall.as_secs_f64(),

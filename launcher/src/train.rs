@@ -94,6 +94,7 @@ impl Train {
         let config = self.experiment.configure(&run_name(&out))?;
         process::start_logs(None);
         let folder = RunFolder::create(&out, &config.to_toml())?;
+        self.experiment.furnish(&folder)?;
         finish(&folder, &config, self.running.options())
     }
 }

@@ -29,6 +29,12 @@ pub struct Config {
     pub t_max: u64,
     pub world: World,
     pub algo: Algo,
+    /// Present when `algo.name` is one of the policy-gradient family, and only then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ppo: Option<Ppo>,
+    /// Present when `algo.name` is one of the Q-learning family, and only then.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub q: Option<QLearning>,
     pub schedule: Schedule,
     pub test: Test,
     pub save: Save,
@@ -40,27 +46,85 @@ pub struct Config {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct World {
-    /// Canonical name of the task; opaque here.
+    /// Canonical name of the task, the version of its rules included; opaque here.
     pub task: String,
     /// Agents in the team.
     pub agents: u32,
-    /// Environment copies, each good for one episode of a round: the episodes in a batch (spec §2.3).
+    /// Environment copies, each good for one episode of a round (spec §2.3): the episodes in a batch of PPO, the
+    /// new episodes between two rounds of Q-learning.
     pub copies: u32,
+    /// Who plays what the team does not control: `builtin`, `random`, `still`, or the BLAKE3 digest of a file of
+    /// weights in hexadecimal; opaque here.
+    pub opponent: String,
+    /// Observations and action sets are padded to the largest of the team, as in the reference (spec §2.4).
+    pub pad: bool,
+    /// What each agent is rewarded with (spec §2.5).
+    pub reward: Reward,
 }
 
-/// How each agent learns.
+/// What each agent is rewarded with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reward {
+    /// The sum over the team: everybody learns from the same number (spec §2.5).
+    Sum,
+    /// The mean over the team.
+    Mean,
+    /// Its own, as the world defines it.
+    Individual,
+}
+
+impl Reward {
+    pub const ALL: [Self; 3] = [Self::Sum, Self::Mean, Self::Individual];
+
+    /// As in the configuration file.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Sum => "sum",
+            Self::Mean => "mean",
+            Self::Individual => "individual",
+        }
+    }
+}
+
+impl FromStr for Reward {
+    type Err = UnknownChoice;
+
+    fn from_str(text: &str) -> Result<Self, UnknownChoice> {
+        choose(text, "reward", Self::ALL, Self::as_str)
+    }
+}
+
+/// How each agent learns: what all algorithms have.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Algo {
     pub name: AlgoName,
     /// Which published variant the other keys started from; it decides nothing by itself.
     pub profile: Profile,
-    /// The actor's network; the critic is always fully connected (spec §1.2).
+    /// The network of the policy or of the action values; PPO's critic is always fully connected (spec §1.2).
     pub network: Network,
-    /// Width of the hidden layers of actor and critic.
+    /// Width of the hidden layers of all networks.
     pub hidden: u32,
     /// Discount factor.
     pub gamma: f64,
+    /// Above 1: the target network is copied every that many update calls. Up to 1: Polyak τ (spec §4.4).
+    pub target_update: f64,
+    /// The gradients of each of an agent's networks are scaled down to this norm.
+    pub max_grad_norm: f64,
+    pub clip_scope: ClipScope,
+    pub reward_standardisation: RewardStandardisation,
+    pub frozen_moments: FrozenMoments,
+    /// A one-hot agent index is appended to the network's input (spec §1.4).
+    pub agent_id_input: bool,
+    /// A one-hot of the agent's own last action is appended to the network's input, before the index (spec §1.4).
+    pub last_action_input: bool,
+}
+
+/// Independent PPO (spec §4).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ppo {
     /// Passes over the batch in one update call.
     pub epochs: u32,
     /// PPO's clip ε.
@@ -68,30 +132,81 @@ pub struct Algo {
     pub entropy_coef: f64,
     /// Rewards in an n-step return before it bootstraps (spec §4.3).
     pub n_step: u32,
-    /// Above 1: the target critic is copied every that many update calls. Up to 1: Polyak τ (spec §4.4).
-    pub target_update: f64,
-    /// Gradients of one agent's actor, and of its critic, are scaled down to this norm.
-    pub max_grad_norm: f64,
-    pub clip_scope: ClipScope,
     pub end_of_batch: EndOfBatch,
-    pub reward_standardisation: RewardStandardisation,
-    pub frozen_moments: FrozenMoments,
+    pub policy_test: PolicyTest,
 }
 
-/// The published algorithms; all three are independent PPO and differ in their rates only (spec §6.1).
+/// Independent Q-learning (spec §5).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct QLearning {
+    /// Episodes that each agent remembers.
+    pub buffer: u32,
+    /// Episodes drawn for an update call; there is none before so many are remembered.
+    pub batch: u32,
+    /// The online network chooses the action that the target network values.
+    pub double: bool,
+    /// Probability of a random action at the beginning.
+    pub epsilon_start: f64,
+    /// The same after `epsilon_anneal` environment steps, reached in a straight line.
+    pub epsilon_finish: f64,
+    pub epsilon_anneal: u64,
+    /// Probability of a random action in tests.
+    pub test_epsilon: f64,
+    /// An episode that the step limit ends is worth nothing beyond it (spec §3.4).
+    pub time_limit_is_terminal: bool,
+}
+
+/// What a policy does in tests (spec §8.2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PolicyTest {
+    /// It draws from its probabilities, as in training.
+    Sample,
+    /// It takes the most probable action.
+    Greedy,
+}
+
+/// The published algorithms: two kinds of learner, and three ways to choose their rates (spec §6.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AlgoName {
-    /// Independent: one rate for everyone.
+    /// Independent PPO: one rate for everyone.
     Ippo,
-    /// Multi-timescale: one rate for each level.
+    /// Multi-timescale PPO: one rate for each level.
     Mtppo,
-    /// Sequential: every rate but the first is zero.
+    /// Sequential PPO: every rate but the first is zero.
     Sppo,
+    /// Independent Q-learning.
+    Iql,
+    /// Multi-timescale Q-learning.
+    Mtql,
+    /// Sequential Q-learning.
+    Sql,
+}
+
+/// What kind of learner an algorithm is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Learner {
+    /// On-policy: each batch of episodes is used once.
+    Ppo,
+    /// Off-policy: episodes are remembered and drawn again.
+    Q,
+}
+
+/// How an algorithm's rates relate to each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Timescales {
+    /// All rates are equal.
+    One,
+    /// Any rates.
+    Many,
+    /// One agent learns at a time: all rates but the first are zero.
+    OneAtATime,
 }
 
 impl AlgoName {
-    pub const ALL: [Self; 3] = [Self::Ippo, Self::Mtppo, Self::Sppo];
+    pub const ALL: [Self; 6] = [Self::Ippo, Self::Mtppo, Self::Sppo, Self::Iql, Self::Mtql, Self::Sql];
 
     /// As in the configuration file.
     pub fn as_str(self) -> &'static str {
@@ -99,6 +214,24 @@ impl AlgoName {
             Self::Ippo => "ippo",
             Self::Mtppo => "mtppo",
             Self::Sppo => "sppo",
+            Self::Iql => "iql",
+            Self::Mtql => "mtql",
+            Self::Sql => "sql",
+        }
+    }
+
+    pub fn learner(self) -> Learner {
+        match self {
+            Self::Ippo | Self::Mtppo | Self::Sppo => Learner::Ppo,
+            Self::Iql | Self::Mtql | Self::Sql => Learner::Q,
+        }
+    }
+
+    pub fn timescales(self) -> Timescales {
+        match self {
+            Self::Ippo | Self::Iql => Timescales::One,
+            Self::Mtppo | Self::Mtql => Timescales::Many,
+            Self::Sppo | Self::Sql => Timescales::OneAtATime,
         }
     }
 }

@@ -1,8 +1,9 @@
 //! The published settings (spec §9) as a place to start from.
 
 use crate::config::{
-    Algo, AlgoName, BusOptions, ClipScope, Config, EndOfBatch, FrozenMoments, Log, Network, Period, Profile,
-    RewardStandardisation, Save, Schedule, SwitchUnit, Test, World,
+    Algo, AlgoName, BusOptions, ClipScope, Config, EndOfBatch, FrozenMoments, Learner, Log, Network, Period,
+    PolicyTest, Ppo, Profile, QLearning, Reward, RewardStandardisation, Save, Schedule, SwitchUnit, Test,
+    Timescales, World,
 };
 
 /// Families of tasks that share their settings (spec §9.1).
@@ -32,63 +33,52 @@ impl Family {
     }
 }
 
-/// A row of spec §9.1.
+/// Settings of a family for one kind of learner.
 struct Row {
     hidden: u32,
     standardise_rewards: bool,
     network: Network,
-    entropy_coef: f64,
     target_update: f64,
+}
+
+/// What spec §9.1 has beside a [`Row`]: entropy coefficient and n-step.
+struct PpoRow {
+    row: Row,
+    entropy_coef: f64,
     n_step: u32,
 }
 
-/// Spec §9.1.
-const LBF: Row = Row {
-    hidden: 128,
-    standardise_rewards: false,
-    network: Network::Gru,
-    entropy_coef: 0.001,
-    target_update: 200.0,
-    n_step: 5,
-};
-
-/// Spec §9.1.
-const RWARE: Row = Row {
-    hidden: 128,
-    standardise_rewards: false,
-    network: Network::Fc,
-    entropy_coef: 0.001,
-    target_update: 0.01,
-    n_step: 10,
-};
-
-/// Spec §9.1.
-const MPE: Row = Row {
-    hidden: 128,
-    standardise_rewards: true,
-    network: Network::Fc,
-    entropy_coef: 0.01,
-    target_update: 0.01,
-    n_step: 10,
-};
-
-/// Spec §9.1.
-const SMAC: Row = Row {
-    hidden: 64,
-    standardise_rewards: true,
-    network: Network::Fc,
-    entropy_coef: 0.001,
-    target_update: 0.01,
-    n_step: 10,
-};
+/// One line of a table: width, reward standardisation, network, target update.
+const fn row(hidden: u32, standardise_rewards: bool, network: Network, target_update: f64) -> Row {
+    Row { hidden, standardise_rewards, network, target_update }
+}
 
 impl Family {
-    fn row(self) -> &'static Row {
+    /// Spec §9.1.
+    fn ppo(self) -> PpoRow {
+        let (row, entropy_coef, n_step) = match self {
+            Self::Mpe => (row(128, true, Network::Fc, 0.01), 0.01, 10),
+            Self::Smac => (row(64, true, Network::Fc, 0.01), 0.001, 10),
+            Self::Lbf => (row(128, false, Network::Gru, 200.0), 0.001, 5),
+            Self::Rware => (row(128, false, Network::Fc, 0.01), 0.001, 10),
+        };
+        PpoRow { row, entropy_coef, n_step }
+    }
+
+    /// Spec §9.2.
+    fn q(self) -> Row {
         match self {
-            Self::Lbf => &LBF,
-            Self::Rware => &RWARE,
-            Self::Mpe => &MPE,
-            Self::Smac => &SMAC,
+            Self::Mpe => row(128, true, Network::Fc, 0.01),
+            Self::Smac => row(64, true, Network::Gru, 200.0),
+            Self::Lbf => row(64, true, Network::Gru, 200.0),
+            Self::Rware => row(64, true, Network::Fc, 0.01),
+        }
+    }
+
+    fn row(self, learner: Learner) -> Row {
+        match learner {
+            Learner::Ppo => self.ppo().row,
+            Learner::Q => self.q(),
         }
     }
 }
@@ -107,53 +97,102 @@ const COPIES: u32 = 10;
 const TEST_EPISODES: u32 = 100;
 /// One of the published periods (spec §9.3); which of them was best is not published, so we take the middle one.
 const SWITCH_PERIOD: u64 = 100;
-/// Our choice: a lost process costs at most this many rounds, a few seconds of work.
-const SAVE_INTERVAL: u64 = 100;
+/// Our choice: a lost process costs at most this many rounds, a few seconds of work. A round of Q-learning is one
+/// episode where PPO's are ten, and a tenth of the work.
+fn save_interval(learner: Learner) -> u64 {
+    match learner {
+        Learner::Ppo => 100,
+        Learner::Q => 1_000,
+    }
+}
 /// Our choice: 2,000 metric rows in 20 M environment steps.
 const LOG_INTERVAL: u64 = 10_000;
 
-/// The algorithm's settings for a family of tasks, in profile `epymarl` (spec §9.1, §4.2).
+/// Spec §5.1: episodes that an agent remembers.
+const BUFFER: u32 = 5_000;
+/// Spec §5.1: episodes in an update call.
+const BATCH: u32 = 32;
+/// Spec §5.3: environment steps until little is left to chance. Not in the paper's tables: this is the value of
+/// the reference's configurations without parameter sharing.
+const EPSILON_ANNEAL: u64 = 50_000;
+/// Spec §5.3: the reference's, `[OPEN]` in the paper.
+const TEST_EPSILON: f64 = 0.0;
+
+/// What both kinds of learner have, in profile `epymarl` (spec §§9.1, 9.2, 4.2).
 pub fn algo_defaults(name: AlgoName, family: Family) -> Algo {
-    let row = family.row();
-    let mut algo = Algo {
+    let Row { hidden, network, target_update, .. } = family.row(name.learner());
+    Algo {
         name,
         profile: Profile::Epymarl,
-        network: row.network,
-        hidden: row.hidden,
+        network,
+        hidden,
         gamma: GAMMA,
-        epochs: EPOCHS,
-        clip: CLIP,
-        entropy_coef: row.entropy_coef,
-        n_step: row.n_step,
-        target_update: row.target_update,
+        target_update,
         max_grad_norm: MAX_GRAD_NORM,
         clip_scope: ClipScope::PerAgent,
-        end_of_batch: EndOfBatch::Epymarl,
-        reward_standardisation: RewardStandardisation::Off,
+        reward_standardisation: standardisation(name, Profile::Epymarl, family),
         frozen_moments: FrozenMoments::Update,
-    };
-    apply_profile(&mut algo, Profile::Epymarl, family);
-    algo
+        agent_id_input: false,
+        last_action_input: false,
+    }
+}
+
+/// PPO's own settings in profile `epymarl` (spec §§9.1, 4.2).
+pub fn ppo_defaults(family: Family) -> Ppo {
+    let PpoRow { entropy_coef, n_step, .. } = family.ppo();
+    Ppo {
+        epochs: EPOCHS,
+        clip: CLIP,
+        entropy_coef,
+        n_step,
+        end_of_batch: EndOfBatch::Epymarl,
+        policy_test: PolicyTest::Sample,
+    }
+}
+
+/// Q-learning's own settings, equal in all families (spec §§5, 9.2).
+pub fn q_defaults() -> QLearning {
+    QLearning {
+        buffer: BUFFER,
+        batch: BATCH,
+        double: true,
+        epsilon_start: 1.0,
+        epsilon_finish: 0.05,
+        epsilon_anneal: EPSILON_ANNEAL,
+        test_epsilon: TEST_EPSILON,
+        time_limit_is_terminal: true,
+    }
 }
 
 /// Sets the keys in which the profiles differ (spec §11), and the profile's name.
-pub fn apply_profile(algo: &mut Algo, profile: Profile, family: Family) {
-    let (standardise, end_of_batch) = match profile {
-        Profile::Epymarl => (RewardStandardisation::Running, EndOfBatch::Epymarl),
-        Profile::Benchmark2021 => (RewardStandardisation::Batch, EndOfBatch::Benchmark2021),
-    };
-    algo.profile = profile;
-    algo.end_of_batch = end_of_batch;
-    algo.reward_standardisation =
-        if family.row().standardise_rewards { standardise } else { RewardStandardisation::Off };
+pub fn apply_profile(config: &mut Config, profile: Profile, family: Family) {
+    config.algo.profile = profile;
+    config.algo.reward_standardisation = standardisation(config.algo.name, profile, family);
+    if let Some(ppo) = &mut config.ppo {
+        ppo.end_of_batch = match profile {
+            Profile::Epymarl => EndOfBatch::Epymarl,
+            Profile::Benchmark2021 => EndOfBatch::Benchmark2021,
+        };
+    }
+}
+
+fn standardisation(name: AlgoName, profile: Profile, family: Family) -> RewardStandardisation {
+    match (family.row(name.learner()).standardise_rewards, profile) {
+        (false, _) => RewardStandardisation::Off,
+        (true, Profile::Epymarl) => RewardStandardisation::Running,
+        (true, Profile::Benchmark2021) => RewardStandardisation::Batch,
+    }
 }
 
 /// The published grid of learning rates, ascending, an odd number of them (spec §9.3).
-pub fn rate_grid(family: Family) -> &'static [f64] {
-    match family {
-        Family::Mpe | Family::Lbf => &[1.25e-5, 2.5e-5, 5e-5, 1e-4, 2e-4, 4e-4, 8e-4],
-        Family::Rware => &[6.25e-5, 1.25e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3],
-        Family::Smac => &[1.25e-4, 2.5e-4, 5e-4, 1e-3, 2e-3],
+///
+/// The smallest of Q-learning in foraging is printed as 3.7e-5, presumably 3.75e-5 rounded; we take the latter.
+pub fn rate_grid(learner: Learner, family: Family) -> &'static [f64] {
+    match (learner, family) {
+        (Learner::Ppo, Family::Mpe | Family::Lbf) => &[1.25e-5, 2.5e-5, 5e-5, 1e-4, 2e-4, 4e-4, 8e-4],
+        (Learner::Q, Family::Lbf) => &[3.75e-5, 7.5e-5, 1.5e-4, 3e-4, 6e-4, 1.2e-3, 2.4e-3],
+        (_, Family::Rware) | (Learner::Q, Family::Mpe) => &[6.25e-5, 1.25e-4, 2.5e-4, 5e-4, 1e-3, 2e-3, 4e-3],
+        (_, Family::Smac) => &[1.25e-4, 2.5e-4, 5e-4, 1e-3, 2e-3],
     }
 }
 
@@ -163,12 +202,12 @@ pub fn rate_grid(family: Family) -> &'static [f64] {
 /// the one agent that learns. Which pairs were best for multi-timescale learning is not published: a factor of two
 /// to each side of the centre is our choice.
 pub fn default_rates(name: AlgoName, family: Family) -> (f64, f64) {
-    let grid = rate_grid(family);
+    let grid = rate_grid(name.learner(), family);
     let centre = grid.len() / 2;
-    match name {
-        AlgoName::Ippo => (grid[centre], grid[centre]),
-        AlgoName::Mtppo => (grid[centre + 1], grid[centre - 1]),
-        AlgoName::Sppo => (grid[centre], 0.0),
+    match name.timescales() {
+        Timescales::One => (grid[centre], grid[centre]),
+        Timescales::Many => (grid[centre + 1], grid[centre - 1]),
+        Timescales::OneAtATime => (grid[centre], 0.0),
     }
 }
 
@@ -185,30 +224,50 @@ pub fn default_schedule(name: AlgoName, family: Family, agents: u32) -> Schedule
     }
 }
 
-/// Environment steps of a run of an on-policy algorithm (spec §8.1).
-pub fn budget(family: Family) -> u64 {
-    match family {
-        Family::Lbf | Family::Mpe => 20_000_000,
-        Family::Rware | Family::Smac => 40_000_000,
+/// Environment steps of a run (spec §8.1): off-policy learners get a tenth, which makes the number of update calls
+/// the same.
+pub fn budget(learner: Learner, family: Family) -> u64 {
+    let off_policy = match family {
+        Family::Lbf | Family::Mpe => 2_000_000,
+        Family::Rware | Family::Smac => 4_000_000,
+    };
+    match learner {
+        Learner::Ppo => 10 * off_policy,
+        Learner::Q => off_policy,
     }
 }
 
 /// Tests as published: 41 in a run, the first at its beginning (spec §8.1, §8.2).
-pub fn default_test(family: Family) -> Test {
-    Test { interval: budget(family) / 40, episodes: TEST_EPISODES }
+pub fn default_test(learner: Learner, family: Family) -> Test {
+    Test { interval: budget(learner, family) / 40, episodes: TEST_EPISODES }
 }
 
 /// A complete experiment with the published settings; seed 1, and the transport that carries messages of any size.
 pub fn config(run: &str, task: &str, agents: u32, name: AlgoName, family: Family) -> Config {
+    let learner = name.learner();
+    let (ppo, q, copies) = match learner {
+        Learner::Ppo => (Some(ppo_defaults(family)), None, COPIES),
+        // Spec §2.3: one environment, one episode at a time.
+        Learner::Q => (None, Some(q_defaults()), 1),
+    };
     Config {
         run: run.to_owned(),
         seed: 1,
-        t_max: budget(family),
-        world: World { task: task.to_owned(), agents, copies: COPIES },
+        t_max: budget(learner, family),
+        world: World {
+            task: task.to_owned(),
+            agents,
+            copies,
+            opponent: "builtin".to_owned(),
+            pad: false,
+            reward: Reward::Sum,
+        },
         algo: algo_defaults(name, family),
+        ppo,
+        q,
         schedule: default_schedule(name, family, agents),
-        test: default_test(family),
-        save: Save { interval: SAVE_INTERVAL },
+        test: default_test(learner, family),
+        save: Save { interval: save_interval(learner) },
         log: Log { interval: LOG_INTERVAL },
         bus: BusOptions { low_latency: false },
     }
@@ -229,38 +288,75 @@ mod tests {
         }
     }
 
+    /// Network, width, reward standardisation, target update of every family: the tables of the appendix.
+    fn table(name: AlgoName) -> [(Network, u32, bool, f64); 4] {
+        [Family::Mpe, Family::Smac, Family::Lbf, Family::Rware].map(|family| {
+            let algo = algo_defaults(name, family);
+            let standardises = algo.reward_standardisation == RewardStandardisation::Running;
+            (algo.network, algo.hidden, standardises, algo.target_update)
+        })
+    }
+
     #[test]
-    fn foraging_has_the_settings_of_the_appendix() {
-        let algo = algo_defaults(AlgoName::Mtppo, Family::Lbf);
-        assert_eq!((algo.network, algo.hidden, algo.n_step), (Network::Gru, 128, 5));
-        assert_eq!((algo.entropy_coef, algo.target_update), (0.001, 200.0));
-        assert_eq!((algo.clip, algo.epochs, algo.gamma, algo.max_grad_norm), (0.2, 4, 0.99, 10.0));
-        assert_eq!(algo.reward_standardisation, RewardStandardisation::Off);
+    fn ppo_has_the_settings_of_the_appendix() {
+        use Network::{Fc, Gru};
+        let expected =
+            [(Fc, 128, true, 0.01), (Fc, 64, true, 0.01), (Gru, 128, false, 200.0), (Fc, 128, false, 0.01)];
+        assert_eq!(table(AlgoName::Mtppo), expected);
+        let own = [Family::Mpe, Family::Smac, Family::Lbf, Family::Rware].map(ppo_defaults);
+        assert_eq!(own.clone().map(|ppo| ppo.entropy_coef), [0.01, 0.001, 0.001, 0.001]);
+        assert_eq!(own.clone().map(|ppo| ppo.n_step), [10, 10, 5, 10]);
+        assert!(own.iter().all(|ppo| (ppo.clip, ppo.epochs) == (0.2, 4)));
+        let algo = algo_defaults(AlgoName::Ippo, Family::Lbf);
+        assert_eq!((algo.gamma, algo.max_grad_norm), (0.99, 10.0));
+    }
+
+    #[test]
+    fn q_learning_has_the_settings_of_the_appendix() {
+        use Network::{Fc, Gru};
+        let expected =
+            [(Fc, 128, true, 0.01), (Gru, 64, true, 200.0), (Gru, 64, true, 200.0), (Fc, 64, true, 0.01)];
+        assert_eq!(table(AlgoName::Mtql), expected);
+        let config = config("r", "t", 2, AlgoName::Iql, Family::Lbf);
+        let q = config.q.expect("its own section");
+        assert_eq!((config.world.copies, q.buffer, q.batch, q.epsilon_anneal), (1, 5_000, 32, 50_000));
+        assert_eq!((q.epsilon_start, q.epsilon_finish, q.test_epsilon), (1.0, 0.05, 0.0));
+        assert!(q.double && q.time_limit_is_terminal && config.ppo.is_none());
     }
 
     #[test]
     fn the_profiles_differ_in_rewards_and_in_the_end_of_a_batch_only() {
         for family in Family::ALL {
-            let epymarl = algo_defaults(AlgoName::Ippo, family);
-            let mut benchmark = epymarl.clone();
-            apply_profile(&mut benchmark, Profile::Benchmark2021, family);
-            let standardises = matches!(family, Family::Mpe | Family::Smac);
-            let expected =
-                if standardises { RewardStandardisation::Batch } else { RewardStandardisation::Off };
-            assert_eq!(benchmark.reward_standardisation, expected);
-            assert_eq!(benchmark.end_of_batch, EndOfBatch::Benchmark2021);
-            assert_eq!(benchmark.profile, Profile::Benchmark2021);
-            apply_profile(&mut benchmark, Profile::Epymarl, family);
-            assert_eq!(benchmark, epymarl);
+            for name in [AlgoName::Ippo, AlgoName::Iql] {
+                let epymarl = config("r", "t", 2, name, family);
+                let mut benchmark = epymarl.clone();
+                apply_profile(&mut benchmark, Profile::Benchmark2021, family);
+                let expected = match epymarl.algo.reward_standardisation {
+                    RewardStandardisation::Running => RewardStandardisation::Batch,
+                    _ => RewardStandardisation::Off,
+                };
+                assert_eq!(benchmark.algo.reward_standardisation, expected);
+                assert!(benchmark.ppo.iter().all(|ppo| ppo.end_of_batch == EndOfBatch::Benchmark2021));
+                assert_eq!(benchmark.algo.profile, Profile::Benchmark2021);
+                apply_profile(&mut benchmark, Profile::Epymarl, family);
+                assert_eq!(benchmark, epymarl);
+            }
         }
     }
 
     #[test]
     fn neighbours_on_the_grid_differ_by_a_factor_of_two_and_the_centre_is_the_benchmarks_rate() {
-        for (family, centre) in
-            [(Family::Mpe, 1e-4), (Family::Lbf, 1e-4), (Family::Rware, 5e-4), (Family::Smac, 5e-4)]
-        {
-            let grid = rate_grid(family);
+        for (learner, family, centre) in [
+            (Learner::Ppo, Family::Mpe, 1e-4),
+            (Learner::Ppo, Family::Lbf, 1e-4),
+            (Learner::Ppo, Family::Rware, 5e-4),
+            (Learner::Ppo, Family::Smac, 5e-4),
+            (Learner::Q, Family::Mpe, 5e-4),
+            (Learner::Q, Family::Lbf, 3e-4),
+            (Learner::Q, Family::Rware, 5e-4),
+            (Learner::Q, Family::Smac, 5e-4),
+        ] {
+            let grid = rate_grid(learner, family);
             assert_eq!(grid[grid.len() / 2], centre);
             for pair in grid.windows(2) {
                 assert!((pair[1] / pair[0] - 2.0).abs() < 1e-12, "{pair:?}");
@@ -273,14 +369,33 @@ mod tests {
         assert_eq!(default_rates(AlgoName::Ippo, Family::Lbf), (1e-4, 1e-4));
         assert_eq!(default_rates(AlgoName::Mtppo, Family::Lbf), (2e-4, 5e-5));
         assert_eq!(default_rates(AlgoName::Sppo, Family::Rware), (5e-4, 0.0));
+        assert_eq!(default_rates(AlgoName::Mtql, Family::Lbf), (6e-4, 1.5e-4));
+        assert_eq!(default_rates(AlgoName::Sql, Family::Mpe), (5e-4, 0.0));
         let schedule = default_schedule(AlgoName::Mtppo, Family::Smac, 3);
         assert_eq!((schedule.rates, schedule.levels), (vec![1e-3, 2.5e-4], vec![0, 1, 1]));
     }
 
     #[test]
-    fn a_run_has_forty_test_intervals() {
-        assert_eq!((budget(Family::Lbf), default_test(Family::Lbf).interval), (20_000_000, 500_000));
-        assert_eq!((budget(Family::Rware), default_test(Family::Rware).interval), (40_000_000, 1_000_000));
-        assert_eq!(default_test(Family::Mpe).episodes, 100);
+    fn a_run_has_forty_test_intervals_and_as_many_update_calls_with_either_learner() {
+        let of = |learner, family| (budget(learner, family), default_test(learner, family).interval);
+        assert_eq!(of(Learner::Ppo, Family::Lbf), (20_000_000, 500_000));
+        assert_eq!(of(Learner::Q, Family::Lbf), (2_000_000, 50_000));
+        assert_eq!(of(Learner::Ppo, Family::Rware), (40_000_000, 1_000_000));
+        assert_eq!(of(Learner::Q, Family::Rware), (4_000_000, 100_000));
+        assert_eq!(default_test(Learner::Q, Family::Mpe).episodes, 100);
+        // Spec §12.7: 80,000 update calls in the particle worlds, whose episodes have 25 steps.
+        let calls = [Learner::Ppo, Learner::Q].map(|learner| {
+            let copies = config(
+                "r",
+                "t",
+                2,
+                if learner == Learner::Q { AlgoName::Iql } else { AlgoName::Ippo },
+                Family::Mpe,
+            )
+            .world
+            .copies;
+            budget(learner, Family::Mpe) / (25 * u64::from(copies))
+        });
+        assert_eq!(calls, [80_000, 80_000]);
     }
 }

@@ -16,6 +16,11 @@ use serde::{Deserialize, Serialize};
 use crate::metrics::complete_lines;
 use crate::{Error, RunFolder, Tensor};
 
+/// BLAKE3 of some bytes, in lower-case hexadecimal digits: how a configuration names a file.
+pub fn digest_of(bytes: &[u8]) -> String {
+    blake3::hash(bytes).to_hex().to_string()
+}
+
 /// Tensors of the optimiser: they serve to go on, and are no part of what was learned.
 const NOT_LEARNED: &str = "adam.";
 
@@ -160,7 +165,7 @@ mod tests {
             run.role("coordinator");
             for name in ["world", "agent-0", "agent-1"] {
                 let mut metrics = run.role(name).metrics(Position::START).unwrap();
-                metrics.append(&Row::new(362, 1).with("loss", 0.5)).unwrap();
+                metrics.append(&Row::of_learner(362, 1).with("loss", 0.5)).unwrap();
             }
             run.save("agent-0", LAST, |_| ());
             run.save("agent-1", LAST, |_| ());

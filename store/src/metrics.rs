@@ -15,23 +15,32 @@ use serde::{Deserialize, Serialize, Serializer};
 use crate::tensorboard::EventFile;
 use crate::{files, Error};
 
+/// What roles count beside environment steps: learners and the world.
+const COUNTED: [&str; 2] = ["update_calls", "rounds"];
+
 /// What a role reports at one moment of a run, as in
 /// `{"t_env":362,"update_calls":1,"test_return_mean":0.43}`.
 ///
 /// Scalars are written in the order given here, in the shortest form that reads back as the same
 /// bits; infinities and NaN as `null`.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     /// Environment steps so far.
     pub t_env: u64,
-    /// Update calls so far.
-    pub update_calls: u64,
+    /// What the role itself counts: its name in the file, and how many so far.
+    count: (&'static str, u64),
     pub scalars: Vec<(Cow<'static, str>, f64)>,
 }
 
 impl Row {
-    pub fn new(t_env: u64, update_calls: u64) -> Self {
-        Self { t_env, update_calls, scalars: Vec::new() }
+    /// A row of a learner that has made `update_calls`.
+    pub fn of_learner(t_env: u64, update_calls: u64) -> Self {
+        Self { t_env, count: (COUNTED[0], update_calls), scalars: Vec::new() }
+    }
+
+    /// A row of the world after `rounds`.
+    pub fn of_world(t_env: u64, rounds: u64) -> Self {
+        Self { t_env, count: (COUNTED[1], rounds), scalars: Vec::new() }
     }
 
     /// Adds one scalar.
@@ -42,7 +51,7 @@ impl Row {
 
     /// The line with its newline.
     fn to_line(&self) -> Result<String, Error> {
-        let mut names = vec!["t_env", "update_calls"];
+        let mut names = vec!["t_env", COUNTED[0], COUNTED[1]];
         for (name, _) in &self.scalars {
             if names.contains(&name.as_ref()) {
                 return Err(Error::MetricTwice { t_env: self.t_env, name: name.to_string() });
@@ -59,7 +68,7 @@ impl Serialize for Row {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(Some(2 + self.scalars.len()))?;
         map.serialize_entry("t_env", &self.t_env)?;
-        map.serialize_entry("update_calls", &self.update_calls)?;
+        map.serialize_entry(self.count.0, &self.count.1)?;
         for (name, value) in &self.scalars {
             map.serialize_entry(name, value)?;
         }
@@ -170,14 +179,13 @@ pub(crate) fn complete_lines(path: &Path) -> Result<Vec<u8>, Error> {
 #[derive(Deserialize)]
 struct KeptRow {
     t_env: u64,
-    #[serde(rename = "update_calls")]
-    _update_calls: u64,
     #[serde(flatten, deserialize_with = "null_is_nan")]
     scalars: BTreeMap<String, f64>,
 }
 
 fn null_is_nan<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<BTreeMap<String, f64>, D::Error> {
-    let scalars = BTreeMap::<String, Option<f64>>::deserialize(deserializer)?;
+    let mut scalars = BTreeMap::<String, Option<f64>>::deserialize(deserializer)?;
+    scalars.retain(|name, _| !COUNTED.contains(&name.as_str()));
     Ok(scalars.into_iter().map(|(name, value)| (name, value.unwrap_or(f64::NAN))).collect())
 }
 
@@ -230,18 +238,22 @@ mod tests {
     }
 
     fn row(i: u64) -> Row {
-        Row::new(i * 362, i).with("test_return_mean", 1.0 / i as f64).with("loss", -0.25 * i as f64)
+        Row::of_learner(i * 362, i).with("test_return_mean", 1.0 / i as f64).with("loss", -0.25 * i as f64)
     }
 
     #[test]
     fn rows_are_flat_json_in_a_fixed_order_and_shortest_form() {
         let folder = Folder::new();
         let mut writer = folder.open(Position::START).unwrap();
-        writer.append(&Row::new(362, 1).with("test_return_mean", 0.43).with("loss", 0.1 + 0.2)).unwrap();
         writer
-            .append(&Row::new(u64::MAX, 2).with("a", f64::NAN).with("b", f64::INFINITY).with("c", -0.0))
+            .append(&Row::of_learner(362, 1).with("test_return_mean", 0.43).with("loss", 0.1 + 0.2))
             .unwrap();
-        writer.append(&Row::new(3, 3).with(format!("lr_{}", 1), 1e-300).with("d", 5.0)).unwrap();
+        writer
+            .append(
+                &Row::of_learner(u64::MAX, 2).with("a", f64::NAN).with("b", f64::INFINITY).with("c", -0.0),
+            )
+            .unwrap();
+        writer.append(&Row::of_learner(3, 3).with(format!("lr_{}", 1), 1e-300).with("d", 5.0)).unwrap();
         let expected = "{\"t_env\":362,\"update_calls\":1,\"test_return_mean\":0.43,\"loss\":0.30000000000000004}\n\
                         {\"t_env\":18446744073709551615,\"update_calls\":2,\"a\":null,\"b\":null,\"c\":-0.0}\n\
                         {\"t_env\":3,\"update_calls\":3,\"lr_1\":1e-300,\"d\":5.0}\n";
@@ -302,7 +314,7 @@ mod tests {
         for (bytes, rows, problem) in [
             (20, 1, "no row ends at byte 20"),
             (29, 2, "expected 2 rows in the first 29 bytes, found 1"),
-            (60, 2, "row 2: invalid type: string \"x\", expected u64 at line 1 column 29"),
+            (60, 2, "row 2: invalid type: string \"x\", expected f64 at line 1 column 30"),
         ] {
             let start = format!("`{path}` is not what the checkpoint counts on: {problem}\n");
             assert!(refusal(bytes, rows).starts_with(&start), "{}", refusal(bytes, rows));
@@ -316,7 +328,7 @@ mod tests {
         let folder = Folder::new();
         let mut writer = folder.open(Position::START).unwrap();
         for name in ["loss", "t_env", "update_calls"] {
-            let error = writer.append(&Row::new(7, 1).with("loss", 1.0).with(name, 2.0)).unwrap_err();
+            let error = writer.append(&Row::of_learner(7, 1).with("loss", 1.0).with(name, 2.0)).unwrap_err();
             assert_eq!(error.to_string(), format!("the metric row of t_env 7 names `{name}` twice"));
         }
         assert_eq!((writer.position(), folder.text().as_str()), (Position::START, ""));

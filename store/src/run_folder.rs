@@ -102,6 +102,11 @@ impl RunFolder {
         Ok(roles)
     }
 
+    /// Puts a file that belongs to the whole run beside `config.toml`, in one step.
+    pub fn keep(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
+        files::replace(&self.path.join(name), bytes).map(|_| ())
+    }
+
     /// Writes the run's `result.json` in one step.
     pub fn write_result(&self, result: &impl Serialize) -> Result<(), Error> {
         write_json(&self.path.join(RESULT), result)
@@ -139,6 +144,16 @@ pub struct RoleFolder {
 }
 
 impl RoleFolder {
+    /// The folder of the run that this one is part of.
+    pub fn run(&self) -> &Path {
+        self.path.parent().expect("a role's folder is in the run's")
+    }
+
+    /// As [`RunFolder::keep`], from a role that is started alone.
+    pub fn keep_in_run(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
+        files::replace(&self.run().join(name), bytes).map(|_| ())
+    }
+
     pub fn name(&self) -> &str {
         &self.name
     }

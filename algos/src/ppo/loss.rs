@@ -39,6 +39,18 @@ pub fn sample(probabilities: &[f32], u: f32) -> u16 {
     last as u16
 }
 
+/// The action of the largest probability, the lowest of equals.
+pub fn most_probable(probabilities: &[f32]) -> u16 {
+    let best = |best: usize, action: usize| {
+        if probabilities[action] > probabilities[best] {
+            action
+        } else {
+            best
+        }
+    };
+    (0..probabilities.len()).fold(0, best) as u16
+}
+
 /// The batch and constants of the clipped objective.
 #[derive(Debug)]
 pub struct Terms<'a> {
@@ -148,6 +160,12 @@ mod tests {
         let drawn: Vec<_> = [0.0, 0.49, 0.5, 0.999_999_9].map(|u| sample(&p, u)).into();
         assert_eq!(drawn, [1, 1, 2, 2]);
         assert_eq!(sample(&[0.3, 0.3, 0.0], 0.999), 1, "rounding never reaches an impossible action");
+    }
+
+    #[test]
+    fn the_greedy_choice_is_the_most_probable_action_and_the_first_of_equals() {
+        assert_eq!(most_probable(&[0.2, 0.5, 0.3]), 1);
+        assert_eq!(most_probable(&[0.0, 0.4, 0.4, 0.2]), 1);
     }
 
     /// `L(logits)` in double precision straight from the equations.

@@ -17,3 +17,9 @@ pub const MAX_EPOCHS: u32 = 1_000;
 
 /// The longest name of a task, in bytes.
 pub const MAX_TASK_NAME: usize = 256;
+
+/// The longest name of an opponent, in bytes: a digest has 64.
+pub const MAX_OPPONENT: usize = 64;
+
+/// Two hundred times the published 5,000 (spec §5.1).
+pub const MAX_BUFFER: u32 = 1_000_000;

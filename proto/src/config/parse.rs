@@ -113,9 +113,11 @@ fn dotted(section: &str, key: &str) -> String {
     }
 }
 
-/// Every key there is, read off a configuration, so that the list cannot fall behind the structs.
+/// Every key there is, read off a configuration with the sections of all learners, so that the list cannot fall
+/// behind the structs.
 fn known_keys() -> Table {
-    let example = presets::config("example", "example", 2, AlgoName::Ippo, Family::Lbf);
+    let ppo = presets::config("example", "example", 2, AlgoName::Ippo, Family::Lbf);
+    let example = Config { q: Some(presets::q_defaults()), ..ppo };
     Table::try_from(example).expect("the preset holds plain values only")
 }
 

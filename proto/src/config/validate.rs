@@ -1,7 +1,13 @@
 //! What the types of a configuration cannot say, judged all at once.
 
-use super::limits::{MAX_AGENTS, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_TASK_NAME, MAX_TEST_EPISODES};
-use super::{Algo, AlgoName, ClipScope, Config, ConfigError, Period, Schedule, World};
+use super::limits::{
+    MAX_AGENTS, MAX_BUFFER, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_OPPONENT, MAX_TASK_NAME,
+    MAX_TEST_EPISODES,
+};
+use super::{
+    Algo, AlgoName, ClipScope, Config, ConfigError, Learner, Period, Ppo, QLearning, Schedule, Timescales,
+    World,
+};
 use crate::codec::Message;
 use crate::control::Rates;
 use crate::keys::check_run_name;
@@ -20,12 +26,35 @@ impl Config {
         mistakes.at_least_one("t_max", self.t_max);
         self.world.judge(&mut mistakes);
         self.algo.judge(&mut mistakes);
+        self.judge_learner(&mut mistakes);
         self.schedule.judge(self.world.agents, self.algo.name, &mut mistakes);
         mistakes.at_least_one("test.interval", self.test.interval);
         mistakes.within("test.episodes", self.test.episodes, MAX_TEST_EPISODES);
         mistakes.at_least_one("save.interval", self.save.interval);
         mistakes.at_least_one("log.interval", self.log.interval);
         mistakes.into_result()
+    }
+
+    /// The section of the algorithm's learner has to be there, and no other: its keys would be ignored.
+    fn judge_learner(&self, mistakes: &mut Mistakes) {
+        let name = self.algo.name;
+        let (expected, other) = match name.learner() {
+            Learner::Ppo => ("ppo", "q"),
+            Learner::Q => ("q", "ppo"),
+        };
+        let there = |section| if section == "ppo" { self.ppo.is_some() } else { self.q.is_some() };
+        if !there(expected) {
+            mistakes.add(format!("`{expected}` is missing: `algo.name` = `{name}` needs that section"));
+        }
+        if there(other) {
+            mistakes.add(format!("`{other}` has no meaning for `algo.name` = `{name}`: remove that section"));
+        }
+        if let Some(ppo) = &self.ppo {
+            ppo.judge(mistakes);
+        }
+        if let Some(q) = &self.q {
+            q.judge(mistakes);
+        }
     }
 }
 
@@ -37,6 +66,9 @@ impl World {
         }
         mistakes.within("world.agents", self.agents, MAX_AGENTS);
         mistakes.within("world.copies", self.copies, MAX_COPIES);
+        if self.opponent.is_empty() || self.opponent.len() > MAX_OPPONENT {
+            mistakes.add("`world.opponent`: expected `builtin`, `random`, `still` or the digest of a file");
+        }
     }
 }
 
@@ -45,12 +77,6 @@ impl Algo {
         mistakes.within("algo.hidden", self.hidden, MAX_HIDDEN);
         let share = (0.0..=1.0).contains(&self.gamma);
         mistakes.expect(share, "algo.gamma", self.gamma, "a number from 0 to 1");
-        mistakes.within("algo.epochs", self.epochs, MAX_EPOCHS);
-        let positive = |x: f64| x.is_finite() && x > 0.0;
-        mistakes.expect(positive(self.clip), "algo.clip", self.clip, "a number above 0");
-        let no_penalty = self.entropy_coef.is_finite() && self.entropy_coef >= 0.0;
-        mistakes.expect(no_penalty, "algo.entropy_coef", self.entropy_coef, "a number from 0");
-        mistakes.at_least_one("algo.n_step", u64::from(self.n_step));
         let rule =
             positive(self.target_update) && (self.target_update <= 1.0 || self.target_update.fract() == 0.0);
         mistakes.expect(
@@ -72,6 +98,36 @@ impl Algo {
             "`per_agent`, because agents in processes of their own cannot share a gradient norm",
         );
     }
+}
+
+impl Ppo {
+    fn judge(&self, mistakes: &mut Mistakes) {
+        mistakes.within("ppo.epochs", self.epochs, MAX_EPOCHS);
+        mistakes.expect(positive(self.clip), "ppo.clip", self.clip, "a number above 0");
+        let no_penalty = self.entropy_coef.is_finite() && self.entropy_coef >= 0.0;
+        mistakes.expect(no_penalty, "ppo.entropy_coef", self.entropy_coef, "a number from 0");
+        mistakes.at_least_one("ppo.n_step", u64::from(self.n_step));
+    }
+}
+
+impl QLearning {
+    fn judge(&self, mistakes: &mut Mistakes) {
+        mistakes.within("q.buffer", self.buffer, MAX_BUFFER);
+        mistakes.within("q.batch", self.batch, self.buffer.max(1));
+        for (key, epsilon) in [
+            ("q.epsilon_start", self.epsilon_start),
+            ("q.epsilon_finish", self.epsilon_finish),
+            ("q.test_epsilon", self.test_epsilon),
+        ] {
+            mistakes.expect((0.0..=1.0).contains(&epsilon), key, epsilon, "a number from 0 to 1");
+        }
+        let falls = self.epsilon_finish <= self.epsilon_start || self.epsilon_start.is_nan();
+        mistakes.expect(falls, "q.epsilon_finish", self.epsilon_finish, "at most `q.epsilon_start`");
+    }
+}
+
+fn positive(x: f64) -> bool {
+    x.is_finite() && x > 0.0
 }
 
 impl Schedule {
@@ -121,17 +177,23 @@ impl Schedule {
     /// A result must not be published under the name of another algorithm.
     fn judge_name(&self, name: AlgoName, mistakes: &mut Mistakes) {
         let others = self.rates.get(1..).unwrap_or_default();
-        let agree = match name {
-            AlgoName::Mtppo => true,
-            AlgoName::Ippo => self.rates.windows(2).all(|pair| pair[0] == pair[1]),
-            AlgoName::Sppo => self.rates.first() != Some(&0.0) && others.iter().all(|&rate| rate == 0.0),
+        let mt = match name.learner() {
+            Learner::Ppo => AlgoName::Mtppo,
+            Learner::Q => AlgoName::Mtql,
         };
-        let expected = match name {
-            AlgoName::Sppo => "a first rate above 0 and zero for the others; for other rates use `mtppo`",
-            _ => "equal rates; for different rates use `mtppo`",
+        let (agree, expected) = match name.timescales() {
+            Timescales::Many => (true, ""),
+            Timescales::One => (self.rates.windows(2).all(|pair| pair[0] == pair[1]), "equal rates"),
+            Timescales::OneAtATime => (
+                self.rates.first() != Some(&0.0) && others.iter().all(|&rate| rate == 0.0),
+                "a first rate above 0 and zero for the others",
+            ),
         };
         if !agree {
-            mistakes.add(format!("`schedule.rates` with `algo.name` = `{name}`: expected {expected}"));
+            mistakes.add(format!(
+                "`schedule.rates` with `algo.name` = `{name}`: expected {expected}; for \
+                 other rates use `{mt}`"
+            ));
         }
     }
 }

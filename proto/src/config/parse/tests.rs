@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::config::{
-    ClipScope, EndOfBatch, FrozenMoments, Network, Period, Profile, RewardStandardisation, SwitchUnit,
+    ClipScope, EndOfBatch, FrozenMoments, Network, Period, PolicyTest, Profile, Reward,
+    RewardStandardisation, SwitchUnit,
 };
 
 fn example() -> Config {
@@ -26,6 +27,9 @@ t_max = 20000000
 task = "lbf-8x8-2p-2f-coop"
 agents = 2
 copies = 10
+opponent = "builtin"
+pad = false
+reward = "sum"
 
 [algo]
 name = "mtppo"
@@ -33,16 +37,21 @@ profile = "epymarl"
 network = "gru"
 hidden = 128
 gamma = 0.99
+target_update = 200.0
+max_grad_norm = 10.0
+clip_scope = "per_agent"
+reward_standardisation = "off"
+frozen_moments = "update"
+agent_id_input = false
+last_action_input = false
+
+[ppo]
 epochs = 4
 clip = 0.2
 entropy_coef = 0.001
 n_step = 5
-target_update = 200.0
-max_grad_norm = 10.0
-clip_scope = "per_agent"
 end_of_batch = "epymarl"
-reward_standardisation = "off"
-frozen_moments = "update"
+policy_test = "sample"
 
 [schedule]
 rates = [0.0002, 0.00005]
@@ -80,28 +89,42 @@ fn extreme_values_survive_the_file() {
 
 #[test]
 fn the_digest_changes_with_every_key() {
-    let changes: [fn(&mut Config); 32] = [
+    let changes: [fn(&mut Config); 46] = [
         |c| c.run.push('x'),
         |c| c.seed += 1,
         |c| c.t_max += 1,
         |c| c.world.task.push('x'),
         |c| c.world.agents += 1,
         |c| c.world.copies += 1,
+        |c| c.world.opponent = "random".to_owned(),
+        |c| c.world.pad = true,
+        |c| c.world.reward = Reward::Mean,
         |c| c.algo.name = AlgoName::Sppo,
         |c| c.algo.profile = Profile::Benchmark2021,
         |c| c.algo.network = Network::Fc,
         |c| c.algo.hidden += 1,
         |c| c.algo.gamma = c.algo.gamma.next_down(),
-        |c| c.algo.epochs += 1,
-        |c| c.algo.clip = c.algo.clip.next_down(),
-        |c| c.algo.entropy_coef = c.algo.entropy_coef.next_down(),
-        |c| c.algo.n_step += 1,
+        |c| c.ppo.as_mut().unwrap().epochs += 1,
+        |c| c.ppo.as_mut().unwrap().clip = c.ppo.as_ref().unwrap().clip.next_down(),
+        |c| c.ppo.as_mut().unwrap().entropy_coef = c.ppo.as_ref().unwrap().entropy_coef.next_down(),
+        |c| c.ppo.as_mut().unwrap().n_step += 1,
         |c| c.algo.target_update = 0.01,
         |c| c.algo.max_grad_norm = c.algo.max_grad_norm.next_down(),
         |c| c.algo.clip_scope = ClipScope::Joint,
-        |c| c.algo.end_of_batch = EndOfBatch::Correct,
+        |c| c.ppo.as_mut().unwrap().end_of_batch = EndOfBatch::Correct,
         |c| c.algo.reward_standardisation = RewardStandardisation::Batch,
         |c| c.algo.frozen_moments = FrozenMoments::Hold,
+        |c| c.algo.agent_id_input = true,
+        |c| c.algo.last_action_input = true,
+        |c| c.ppo.as_mut().unwrap().policy_test = PolicyTest::Greedy,
+        |c| c.q.as_mut().unwrap().buffer += 1,
+        |c| c.q.as_mut().unwrap().batch += 1,
+        |c| c.q.as_mut().unwrap().double = false,
+        |c| c.q.as_mut().unwrap().epsilon_start = 0.5,
+        |c| c.q.as_mut().unwrap().epsilon_finish = 0.5,
+        |c| c.q.as_mut().unwrap().epsilon_anneal += 1,
+        |c| c.q.as_mut().unwrap().test_epsilon = 0.5,
+        |c| c.q.as_mut().unwrap().time_limit_is_terminal = false,
         |c| c.schedule.rates[1] = c.schedule.rates[1].next_down(),
         |c| c.schedule.levels = vec![1, 0],
         |c| c.schedule.switch_period = Period::Infinite,
@@ -116,7 +139,8 @@ fn the_digest_changes_with_every_key() {
     ];
     let mut digests: Vec<_> = changes
         .map(|change| {
-            let mut config = example();
+            // Both learners' sections, though no run has both: each of their keys counts.
+            let mut config = Config { q: Some(presets::q_defaults()), ..example() };
             change(&mut config);
             config.digest()
         })
@@ -141,7 +165,7 @@ fn an_unknown_key_is_answered_with_its_line_and_the_nearest_known_one() {
     let error = Config::from_toml(&with("epochs", "epoch")).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "the configuration has 1 unknown key\n  - line 16: `algo.epoch` is not a key; did you mean `algo.epochs`?"
+        "the configuration has 1 unknown key\n  - line 28: `ppo.epoch` is not a key; did you mean `ppo.epochs`?"
     );
 }
 
@@ -158,8 +182,8 @@ fn all_unknown_keys_are_reported_in_the_order_of_the_file() {
             "line 2: `sead` is not a key; did you mean `seed`?",
             "line 3: `hidden` is not a key; did you mean `algo.hidden`?",
             "line 4: `learning_rate_of_agents` is not a key; expected one of \
-             algo, bus, log, run, save, schedule, seed, t_max, test, world",
-            "line 45: `buss` is not a key; did you mean `bus`?",
+             algo, bus, log, ppo, q, run, save, schedule, seed, t_max, test, world",
+            "line 53: `buss` is not a key; did you mean `bus`?",
         ]
     );
 }
@@ -182,12 +206,12 @@ fn missing_keys_and_wrong_kinds_are_shown_where_they_are() {
         other => panic!("expected a TOML error, got {other:?}"),
     };
     let missing = message(&with("n_step = 5\n", ""));
-    assert!(missing.contains("missing field `n_step`") && missing.contains("line 10"), "{missing}");
+    assert!(missing.contains("missing field `n_step`") && missing.contains("line 27"), "{missing}");
     let choice = message(&with("\"gru\"", "\"lstm\""));
     assert!(choice.contains("unknown variant `lstm`, expected `fc` or `gru`"), "{choice}");
-    assert!(choice.contains("line 13"), "{choice}");
+    assert!(choice.contains("line 16"), "{choice}");
     let kind = message(&with("hidden = 128", "hidden = -1"));
-    assert!(kind.contains("line 14") && kind.contains("`-1`"), "{kind}");
+    assert!(kind.contains("line 17") && kind.contains("`-1`"), "{kind}");
     let section = message(&with("[bus]\nlow_latency = false", "").replace("run =", "bus = 3\nrun ="));
     assert!(section.contains("line 1"), "{section}");
     let syntax = message("run = \"x\nseed = 1");

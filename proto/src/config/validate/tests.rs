@@ -41,22 +41,23 @@ fn all_mistakes_are_in_one_report() {
 
 #[test]
 fn every_number_has_its_bounds() {
-    let bad: [fn(&mut Config); 25] = [
+    let bad: [fn(&mut Config); 26] = [
         |c| c.t_max = 0,
         |c| c.world.task.clear(),
         |c| c.world.task = "a\nb".to_owned(),
         |c| c.world.task = "a".repeat(257),
         |c| c.world.copies = 10_001,
+        |c| c.world.opponent.clear(),
         |c| c.algo.hidden = 0,
         |c| c.algo.hidden = 4_097,
         |c| c.algo.gamma = -0.1,
         |c| c.algo.gamma = f64::NAN,
-        |c| c.algo.epochs = 0,
-        |c| c.algo.epochs = 1_001,
-        |c| c.algo.clip = 0.0,
-        |c| c.algo.clip = f64::INFINITY,
-        |c| c.algo.entropy_coef = -1e-9,
-        |c| c.algo.n_step = 0,
+        |c| c.ppo.as_mut().unwrap().epochs = 0,
+        |c| c.ppo.as_mut().unwrap().epochs = 1_001,
+        |c| c.ppo.as_mut().unwrap().clip = 0.0,
+        |c| c.ppo.as_mut().unwrap().clip = f64::INFINITY,
+        |c| c.ppo.as_mut().unwrap().entropy_coef = -1e-9,
+        |c| c.ppo.as_mut().unwrap().n_step = 0,
         |c| c.algo.target_update = 0.0,
         |c| c.algo.target_update = 1.5,
         |c| c.algo.target_update = f64::NAN,
@@ -75,7 +76,7 @@ fn every_number_has_its_bounds() {
         |c| c.world.copies = 10_000,
         |c| c.algo.gamma = 0.0,
         |c| c.algo.gamma = 1.0,
-        |c| c.algo.entropy_coef = 0.0,
+        |c| c.ppo.as_mut().unwrap().entropy_coef = 0.0,
         |c| c.algo.target_update = 1.0,
         |c| c.algo.target_update = 2.0,
         |c| c.schedule.rates = vec![0.0, 1.0],
@@ -84,6 +85,50 @@ fn every_number_has_its_bounds() {
     for (i, change) in good.into_iter().enumerate() {
         assert_eq!(mistakes(change), [""; 0], "change {i}");
     }
+}
+
+#[test]
+fn every_number_of_q_learning_has_its_bounds() {
+    let mistakes = |change: fn(&mut QLearning)| {
+        let mut config = example(AlgoName::Mtql);
+        change(config.q.as_mut().unwrap());
+        config.validate().map_err(|error| error.to_string())
+    };
+    let bad: [fn(&mut QLearning); 8] = [
+        |q| q.buffer = 1_000_001,
+        |q| q.batch = 0,
+        |q| q.batch = q.buffer + 1,
+        |q| q.epsilon_start = 1.5,
+        |q| q.epsilon_finish = -0.1,
+        |q| q.epsilon_start = 0.01,
+        |q| q.test_epsilon = f64::NAN,
+        |q| q.epsilon_finish = f64::NAN,
+    ];
+    for (i, change) in bad.into_iter().enumerate() {
+        assert!(mistakes(change).is_err(), "change {i}");
+    }
+    let good: [fn(&mut QLearning); 4] = [
+        |q| q.batch = q.buffer,
+        |q| q.epsilon_anneal = 0,
+        |q| q.epsilon_finish = q.epsilon_start,
+        |q| q.test_epsilon = 0.05,
+    ];
+    for (i, change) in good.into_iter().enumerate() {
+        assert_eq!(mistakes(change), Ok(()), "change {i}");
+    }
+}
+
+#[test]
+fn the_settings_of_another_learner_are_refused() {
+    let mut config = example(AlgoName::Mtql);
+    config.ppo = Some(presets::ppo_defaults(Family::Lbf));
+    config.q = None;
+    assert_eq!(
+        config.validate().unwrap_err().to_string(),
+        "the configuration has 2 mistakes\
+         \n  - `q` is missing: `algo.name` = `mtql` needs that section\
+         \n  - `ppo` has no meaning for `algo.name` = `mtql`: remove that section"
+    );
 }
 
 #[test]
@@ -141,16 +186,21 @@ fn an_algorithm_is_not_run_under_the_name_of_another() {
         (AlgoName::Mtppo, [1e-4, 1e-4]),
         (AlgoName::Mtppo, [1e-4, 0.0]),
         (AlgoName::Mtppo, [0.0, 1e-4]),
+        (AlgoName::Iql, [1e-4, 1e-4]),
+        (AlgoName::Sql, [1e-4, 0.0]),
+        (AlgoName::Mtql, [0.0, 1e-4]),
     ] {
         assert_eq!(with_rates(name, rates), Ok(()));
     }
     assert_eq!(
         with_rates(AlgoName::Ippo, [2e-4, 1e-4]),
         Err("the configuration has 1 mistake\n  - `schedule.rates` with `algo.name` = `ippo`: \
-             expected equal rates; for different rates use `mtppo`"
+             expected equal rates; for other rates use `mtppo`"
             .to_owned())
     );
     for rates in [[1e-4, 1e-5], [0.0, 1e-4]] {
         assert!(with_rates(AlgoName::Sppo, rates).is_err());
+        let refused = with_rates(AlgoName::Sql, rates).unwrap_err();
+        assert!(refused.ends_with("a first rate above 0 and zero for the others; for other rates use `mtql`"));
     }
 }

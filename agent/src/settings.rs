@@ -1,0 +1,65 @@
+//! From the configuration's words to the learners' own.
+
+use algos::iql;
+use algos::network::Kind;
+use algos::ppo;
+use algos::returns::EndOfBatch;
+use algos::reward_stats::Standardisation;
+use proto::config::{self, Algo, Config, FrozenMoments, Ppo, QLearning, RewardStandardisation};
+
+/// What PPO is told.
+pub fn ppo(config: &Config, ppo: &Ppo) -> ppo::Config {
+    let algo = &config.algo;
+    ppo::Config {
+        actor: kind(algo),
+        hidden: algo.hidden as usize,
+        agents: config.world.agents as usize,
+        gamma: algo.gamma as f32,
+        epochs: ppo.epochs as usize,
+        clip: ppo.clip as f32,
+        entropy_coef: ppo.entropy_coef as f32,
+        n_step: ppo.n_step as usize,
+        target_update: algo.target_update,
+        max_grad_norm: algo.max_grad_norm,
+        end_of_batch: match ppo.end_of_batch {
+            config::EndOfBatch::Epymarl => EndOfBatch::Epymarl,
+            config::EndOfBatch::NoBootstrap => EndOfBatch::NoBootstrap,
+            config::EndOfBatch::Benchmark2021 => EndOfBatch::Benchmark2021,
+            config::EndOfBatch::Correct => EndOfBatch::Correct,
+        },
+        reward_standardisation: standardisation(algo),
+        hold_frozen_moments: algo.frozen_moments == FrozenMoments::Hold,
+    }
+}
+
+/// What Q-learning is told.
+pub fn iql(config: &Config, q: &QLearning) -> iql::Config {
+    let algo = &config.algo;
+    iql::Config {
+        network: kind(algo),
+        hidden: algo.hidden as usize,
+        agents: config.world.agents as usize,
+        gamma: algo.gamma as f32,
+        target_update: algo.target_update,
+        max_grad_norm: algo.max_grad_norm,
+        reward_standardisation: standardisation(algo),
+        hold_frozen_moments: algo.frozen_moments == FrozenMoments::Hold,
+        time_limit_is_terminal: q.time_limit_is_terminal,
+        double_q: q.double,
+    }
+}
+
+fn kind(algo: &Algo) -> Kind {
+    match algo.network {
+        config::Network::Fc => Kind::Fc,
+        config::Network::Gru => Kind::Gru,
+    }
+}
+
+fn standardisation(algo: &Algo) -> Standardisation {
+    match algo.reward_standardisation {
+        RewardStandardisation::Off => Standardisation::Off,
+        RewardStandardisation::Running => Standardisation::Running,
+        RewardStandardisation::Batch => Standardisation::Batch,
+    }
+}
