@@ -10,6 +10,7 @@
 mod join;
 mod learner;
 mod progress;
+pub mod replay;
 mod timetable;
 mod train;
 
