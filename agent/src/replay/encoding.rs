@@ -24,12 +24,12 @@ pub(super) fn encode(episode: &Episode, to: &mut Vec<u8>) {
         End::Terminated => TERMINATED,
         End::TimeLimit => TIME_LIMIT,
     });
-    to.extend(episode.obs.iter().flat_map(|x| x.to_le_bytes()));
+    put_floats(&episode.obs, to);
     to.extend(episode.avail.chunks(8).map(|avail| {
         avail.iter().enumerate().fold(0, |byte, (bit, &allowed)| byte | u8::from(allowed != 0) << bit)
     }));
     to.extend(episode.actions.iter().flat_map(|a| a.to_le_bytes()));
-    to.extend(episode.rewards.iter().flat_map(|r| r.to_le_bytes()));
+    put_floats(&episode.rewards, to);
 }
 
 /// Reads an episode into `to`, in place of what is there; `None` if `record` is anything else.
@@ -45,11 +45,7 @@ pub(super) fn decode(record: &[u8], to: &mut Episode) -> Option<()> {
     };
     // Sizes are compared with the record, by `take`, before anything of that size is asked for.
     let slots = length.checked_add(1)?;
-    let floats = |bytes: &[u8], to: &mut Vec<f32>| {
-        to.clear();
-        to.extend(bytes.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)));
-    };
-    floats(take(rest, slots.checked_mul(obs_size)?.checked_mul(4)?)?, &mut to.obs);
+    get_floats(take(rest, slots.checked_mul(obs_size)?.checked_mul(4)?)?, &mut to.obs);
     let bits = slots.checked_mul(n_actions)?;
     let bytes = take(rest, bits.div_ceil(8))?;
     to.avail.clear();
@@ -57,8 +53,18 @@ pub(super) fn decode(record: &[u8], to: &mut Episode) -> Option<()> {
     let actions = take(rest, length.checked_mul(2)?)?;
     to.actions.clear();
     to.actions.extend(actions.as_chunks().0.iter().map(|&bytes| u16::from_le_bytes(bytes)));
-    floats(take(rest, length.checked_mul(4)?)?, &mut to.rewards);
+    get_floats(take(rest, length.checked_mul(4)?)?, &mut to.rewards);
     rest.is_empty().then_some(())
+}
+
+fn put_floats(floats: &[f32], to: &mut Vec<u8>) {
+    to.reserve(4 * floats.len());
+    floats.iter().for_each(|x| to.extend_from_slice(&x.to_le_bytes()));
+}
+
+fn get_floats(bytes: &[u8], to: &mut Vec<f32>) {
+    to.clear();
+    to.extend(bytes.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)));
 }
 
 /// Cuts the next `n` bytes off the front of `rest`.
@@ -117,7 +123,7 @@ mod tests {
         assert!(decode(&[&bytes[..], &[0]].concat(), &mut to).is_none(), "a byte too many");
         for i in [0, 4, 8, 12] {
             let mut damaged = bytes.clone();
-            damaged[i] += 1;
+            damaged[i] += 8;
             assert!(decode(&damaged, &mut to).is_none(), "byte {i}");
             damaged[i..i + 4].fill(0xff);
             assert!(decode(&damaged, &mut to).is_none(), "bytes from {i}");
