@@ -8,7 +8,7 @@ use std::time::Duration;
 use envs::scene::{Colour, Shape};
 use gif::{DisposalMethod, Encoder, EncodingError, Repeat};
 
-use super::{rasterise, Frame, Pixels, Sheet};
+use super::{distance, rasterise, Frame, Pixels, Sheet};
 use crate::{svg, Error};
 
 /// How long an outcome is shown at least: long enough to be read.
@@ -118,8 +118,8 @@ impl Palette {
         }
         let mut counts: HashMap<Colour, u64> = HashMap::new();
         for frame in frames.iter().step_by(frames.len().div_ceil(COUNTED)) {
-            for colour in draw(sheet, frame)?.colours {
-                *counts.entry(colour).or_default() += 1;
+            for run in runs(&draw(sheet, frame)?) {
+                *counts.entry(run[0]).or_default() += run.len() as u64;
             }
         }
         let mut shades: Vec<(Colour, u64)> = counts.into_iter().collect();
@@ -146,10 +146,18 @@ impl Palette {
     /// Each pixel's colour, or the nearest there is.
     fn indices(&mut self, pixels: &Pixels) -> Vec<u8> {
         let Self { colours, known } = self;
-        let index =
-            |&colour: &Colour| *known.entry(colour).or_insert_with(|| nearest(colours, colour) as u8 + 1);
-        pixels.colours.iter().map(index).collect()
+        let mut indices = Vec::with_capacity(pixels.colours.len());
+        for run in runs(pixels) {
+            let index = known.entry(run[0]).or_insert_with(|| nearest(colours, run[0]) as u8 + 1);
+            indices.resize(indices.len() + run.len(), *index);
+        }
+        indices
     }
+}
+
+/// Pixels that follow each other in one colour: there are far fewer runs than pixels.
+fn runs(pixels: &Pixels) -> impl Iterator<Item = &[Colour]> {
+    pixels.colours.chunk_by(|a, b| a == b)
 }
 
 fn colour(shape: &Shape) -> Colour {
@@ -160,12 +168,8 @@ fn colour(shape: &Shape) -> Colour {
 }
 
 fn nearest(colours: &[Colour], wanted: Colour) -> usize {
-    let distance = |a: u8, b: u8| u32::from(a.abs_diff(b)).pow(2);
-    let far = |&k: &usize| {
-        let Colour(red, green, blue) = colours[k];
-        distance(red, wanted.0) + distance(green, wanted.1) + distance(blue, wanted.2)
-    };
-    (0..colours.len()).min_by_key(far).expect("paper and ink are always there")
+    let nearer = |&k: &usize| distance(colours[k], wanted);
+    (0..colours.len()).min_by_key(nearer).expect("paper and ink are always there")
 }
 
 #[cfg(test)]

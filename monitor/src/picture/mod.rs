@@ -185,6 +185,12 @@ fn hex(Colour(red, green, blue): Colour) -> String {
     format!("#{red:02x}{green:02x}{blue:02x}")
 }
 
+/// How different two colours are.
+fn distance(a: Colour, b: Colour) -> u32 {
+    let square = |a: u8, b: u8| u32::from(a.abs_diff(b)).pow(2);
+    square(a.0, b.0) + square(a.1, b.1) + square(a.2, b.2)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,7 @@ use std::io::{self, Write};
 
 use envs::scene::{Colour, Scene, Shape};
 
-use super::{draw_scene, rasterise, ratio, Frame, Pixels};
+use super::{distance, draw_scene, rasterise, ratio, Frame, Pixels};
 use crate::svg::Svg;
 use crate::Error;
 
@@ -17,8 +17,10 @@ const CLEAR_TO_END_OF_LINE: &str = "\x1b[K";
 const CLEAR_BELOW: &str = "\x1b[J";
 const PLAIN: &str = "\x1b[0m";
 
-/// Texts that would be lower than this many pixels are left out: their letters would cover their neighbours.
-const SMALLEST_TEXT: f64 = 1.0;
+/// Texts that would be lower than this many pixels are left out: as letters they would be far too large.
+const SMALLEST_TEXT: f64 = 0.8;
+/// What a scene may lose in size for cells that are whole pixels.
+const WHOLE_PIXELS: f64 = 0.8;
 
 /// Which colours a terminal knows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,12 +133,12 @@ fn lines(
     Ok(lines)
 }
 
-/// Pixels for a unit of the scene. Whole ones, where sides are, keep the cells of a grid alike.
+/// Pixels for a unit of the scene. Whole ones keep the cells of a grid alike.
 fn scale(scene: &Scene, width: usize, height: usize) -> Result<f64, Error> {
     ratio(scene)?;
     let scale = (width as f64 / scene.width).min(height as f64 / scene.height);
-    let whole = scene.width.fract() == 0.0 && scene.height.fract() == 0.0;
-    Ok(if whole && scale >= 1.0 { scale.floor() } else { scale })
+    let grid = scene.width.fract() == 0.0 && scene.height.fract() == 0.0;
+    Ok(if grid && scale.floor() >= WHOLE_PIXELS * scale { scale.floor() } else { scale })
 }
 
 /// A letter over the pixels.
@@ -158,20 +160,27 @@ fn drawn(scene: &Scene, scale: f64) -> Result<(Pixels, Vec<Label>), Error> {
     svg.rect((0.0, 0.0), size, &super::hex(scene.background), 1.0);
     draw_scene(&mut svg, &Scene { shapes, ..scene.clone() }, (0.0, 0.0), size);
 
-    let mut labels = Vec::new();
-    for (k, shape) in scene.shapes.iter().enumerate() {
+    // From the last text to the first: what is written over another text hides all of it, and no letters of two
+    // texts make a third.
+    let mut labels: Vec<Label> = Vec::new();
+    for (k, shape) in scene.shapes.iter().enumerate().rev() {
         let Shape::Text { x, y, size, text, colour } = shape else { continue };
         let covered = scene.shapes[k + 1..].iter().any(|later| covers(later, *x, *y));
         if covered || size * scale < SMALLEST_TEXT {
             continue;
         }
-        let first = (x * scale - text.chars().count() as f64 / 2.0).round();
-        let row = (y * scale / 2.0).floor();
-        for (letter, column) in text.chars().zip(0_u32..).filter(|(letter, _)| !letter.is_control()) {
-            let column = first + f64::from(column);
-            if row >= 0.0 && column >= 0.0 {
-                labels.push(Label { column: column as usize, row: row as usize, letter, colour: *colour });
-            }
+        let first = (x * scale - text.chars().count() as f64 / 2.0).round() as i64;
+        let row = (y * scale / 2.0).floor() as i64;
+        let place = |column| (usize::try_from(row).ok(), usize::try_from(column).ok());
+        let letters = (first..).zip(text.chars()).filter_map(|(column, letter)| match place(column) {
+            (Some(row), Some(column)) => Some(Label { column, row, letter, colour: *colour }),
+            _ => None,
+        });
+        let letters: Vec<Label> = letters.filter(|label| !label.letter.is_control()).collect();
+        let taken =
+            |label: &Label| labels.iter().any(|other| (other.row, other.column) == (label.row, label.column));
+        if !letters.iter().any(taken) {
+            labels.extend(letters);
         }
     }
     Ok((rasterise(&svg)?, labels))
@@ -204,10 +213,9 @@ fn half_blocks(pixels: &Pixels, labels: &[Label], colours: Colours) -> Vec<Strin
         let mut chosen = String::new();
         for (column, &upper) in pair[0].iter().enumerate() {
             let lower = pair.get(1).map(|lower| lower[column]);
-            // Of texts in one place the last one is seen.
-            let label = labels.iter().rfind(|label| (label.row, label.column) == (row, column));
+            let label = labels.iter().find(|label| (label.row, label.column) == (row, column));
             let (letter, front, back) = match label {
-                Some(label) => (label.letter, label.colour, Some(mean(upper, lower.unwrap_or(upper)))),
+                Some(label) => (label.letter, label.colour, Some(clearer(label.colour, upper, lower))),
                 None => ('▀', upper, lower),
             };
             // Below the last pixel of an odd height is the terminal's own background.
@@ -224,27 +232,27 @@ fn half_blocks(pixels: &Pixels, labels: &[Label], colours: Colours) -> Vec<Strin
     rows.chunks(2).enumerate().map(line).collect()
 }
 
-fn mean(a: Colour, b: Colour) -> Colour {
-    Colour(a.0.midpoint(b.0), a.1.midpoint(b.1), a.2.midpoint(b.2))
-}
-
-/// The number of xterm's colour that is nearest: 16 to 231 are a cube, 232 to 255 greys.
-fn xterm(Colour(red, green, blue): Colour) -> u8 {
-    const STEPS: [u8; 6] = [0, 95, 135, 175, 215, 255];
-    let step = |value: u8| (0..6).min_by_key(|&k| STEPS[k].abs_diff(value)).expect("six steps");
-    let (r, g, b) = (step(red), step(green), step(blue));
-    let grey =
-        (0..24_u8).min_by_key(|k| distance([8 + 10 * k; 3], [red, green, blue])).expect("there are 24 greys");
-    let of_cube = distance([STEPS[r], STEPS[g], STEPS[b]], [red, green, blue]);
-    if distance([8 + 10 * grey; 3], [red, green, blue]) < of_cube {
-        232 + grey
-    } else {
-        16 + (36 * r + 6 * g + b) as u8
+/// Of the pixels behind a letter the one on which it can be read best.
+fn clearer(letter: Colour, upper: Colour, lower: Option<Colour>) -> Colour {
+    match lower {
+        Some(lower) if distance(letter, lower) > distance(letter, upper) => lower,
+        _ => upper,
     }
 }
 
-fn distance(a: [u8; 3], b: [u8; 3]) -> u32 {
-    a.iter().zip(b).map(|(a, b)| u32::from(a.abs_diff(b)).pow(2)).sum()
+/// The number of xterm's colour that is nearest: 16 to 231 are a cube, 232 to 255 greys.
+fn xterm(colour: Colour) -> u8 {
+    const STEPS: [u8; 6] = [0, 95, 135, 175, 215, 255];
+    let step = |value: u8| (0..6).min_by_key(|&k| STEPS[k].abs_diff(value)).expect("there are six steps");
+    let (red, green, blue) = (step(colour.0), step(colour.1), step(colour.2));
+    let of_cube = Colour(STEPS[red], STEPS[green], STEPS[blue]);
+    let grey = |k: u8| Colour(8 + 10 * k, 8 + 10 * k, 8 + 10 * k);
+    let k = (0..24).min_by_key(|&k| distance(grey(k), colour)).expect("there are 24 greys");
+    if distance(grey(k), colour) < distance(of_cube, colour) {
+        232 + k
+    } else {
+        16 + (36 * red + 6 * green + blue) as u8
+    }
 }
 
 #[cfg(test)]
@@ -273,25 +281,29 @@ mod tests {
     }
 
     #[test]
-    fn a_text_is_letters_on_the_mean_of_its_pixels() {
+    fn a_text_is_letters_on_the_pixel_where_they_are_clearer() {
         let label = Label { column: 0, row: 0, letter: '7', colour: Colour::INK };
         let lines = half_blocks(&two_by_two(), &[label], Colours::All);
-        assert_eq!(lines, ["\x1b[38;2;40;44;52;48;2;100;0;110m7\x1b[38;2;0;160;0;48;2;255;255;255m▀\x1b[0m"]);
+        assert_eq!(lines, ["\x1b[38;2;40;44;52;48;2;0;0;220m7\x1b[38;2;0;160;0;48;2;255;255;255m▀\x1b[0m"]);
     }
 
     #[test]
-    fn texts_that_are_covered_or_too_small_are_left_out() {
+    fn texts_that_are_covered_overwritten_or_too_small_are_left_out() {
         let text = |x, y, size, text: &str| Shape::Text { x, y, size, text: text.to_owned(), colour: RED };
         let mut scene = quarters();
         scene.shapes = vec![
             text(0.5, 0.5, 0.5, "a"),
             text(1.5, 0.5, 0.5, "bc"),
             text(0.5, 1.5, 0.5, "d"),
-            text(1.5, 1.5, 0.2, "small"),
+            text(1.5, 1.5, 0.19, "small"),
         ];
         let seen = |scene: &Scene| -> String {
-            drawn(scene, 4.0).unwrap().1.iter().map(|label| label.letter).collect()
+            let mut seen: Vec<char> = drawn(scene, 4.0).unwrap().1.iter().map(|label| label.letter).collect();
+            seen.sort_unstable();
+            seen.into_iter().collect()
         };
+        assert_eq!(seen(&scene), "abcd");
+        scene.shapes.insert(0, text(0.5, 0.5, 0.5, "under a"));
         assert_eq!(seen(&scene), "abcd");
         scene.shapes.push(Shape::Circle { x: 0.5, y: 0.5, radius: 0.1, fill: BLUE });
         assert_eq!(seen(&scene), "bcd");
