@@ -12,7 +12,7 @@ const ARROWS: [(&str, &[&str]); 10] = [
     ("algos", &[]),
     ("bus", &[]),
     ("store", &[]),
-    ("monitor", &[]),
+    ("monitor", &["envs"]),
     ("process", &["proto", "bus", "store"]),
     ("coordinator", &["proto", "bus", "store", "process"]),
     ("env-server", &["proto", "bus", "store", "process", "envs"]),
@@ -21,12 +21,13 @@ const ARROWS: [(&str, &[&str]); 10] = [
 const TOP: &str = "launcher";
 
 /// Crates from outside that one crate alone may name.
-const ONE_DOOR: [(&str, &str); 5] = [
+const ONE_DOOR: [(&str, &str); 6] = [
     ("zenoh", "bus"),
     ("bincode", "proto"),
     ("gemm", "algos"),
     ("candle-core", "algos"),
     ("resvg", "monitor"),
+    ("gif", "monitor"),
 ];
 
 /// Modules of the standard library that `proto`, `envs` and `algos` do without.

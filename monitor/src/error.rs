@@ -1,4 +1,4 @@
-//! What can go wrong between a run folder and a picture.
+//! What can go wrong between a run folder, or a world, and a picture.
 
 use std::path::PathBuf;
 
@@ -45,4 +45,11 @@ pub enum Error {
 
     #[error("cannot turn the drawing into {path}: {problem}", path = .path.display())]
     Raster { path: PathBuf, problem: String },
+
+    /// A scene without area, or more pixels than a picture may have.
+    #[error("cannot draw the world: {0}")]
+    Scene(String),
+
+    #[error("cannot draw on the terminal: {0}")]
+    Terminal(std::io::Error),
 }

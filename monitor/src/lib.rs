@@ -1,4 +1,4 @@
-//! Reads runs: learning curves, statistics over seeds, pictures, and the analytic example.
+//! Reads runs: learning curves, statistics over seeds, pictures, and the analytic example; and draws worlds.
 //! Nothing here is on the training path, and nothing here writes into a run folder.
 //!
 //! ```text
@@ -7,10 +7,12 @@
 //! compare     our curves against a reference's, test point by test point
 //! plot        learning curves as SVG or PNG
 //! estimation  the analytic example, its report and its picture        (spec §10)
+//! picture     worlds as stills, as films and in the terminal
 //! ```
 
 pub mod compare;
 pub mod estimation;
+pub mod picture;
 pub mod plot;
 pub mod runs;
 pub mod stats;

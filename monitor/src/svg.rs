@@ -1,10 +1,10 @@
 //! A small SVG writer, and the way from a drawing to a file: as it is, or rasterised to PNG with
-//! an embedded font, so that a machine without fonts draws the same picture.
+//! embedded fonts, so that a machine without fonts draws the same picture.
 
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use resvg::{tiny_skia, usvg};
 
@@ -12,6 +12,16 @@ use crate::Error;
 
 /// Browsers take the first they have; the PNG is drawn with the embedded first one.
 const FONTS: &str = "DejaVu Sans, Verdana, Arial, sans-serif";
+/// The same where all letters are to be equally wide.
+const EVEN_FONTS: &str = "DejaVu Sans Mono, Menlo, Consolas, monospace";
+
+/// Read once: a film has many pictures.
+static EMBEDDED: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
+    let mut fonts = usvg::fontdb::Database::new();
+    fonts.load_font_data(dejavu::sans::regular().to_vec());
+    fonts.load_font_data(dejavu::sans_mono::regular().to_vec());
+    Arc::new(fonts)
+});
 
 /// Where a text sits relative to its position.
 #[derive(Clone, Copy)]
@@ -88,6 +98,12 @@ impl Svg {
         self.place_text(at, size, colour, anchor, text, "");
     }
 
+    /// Like [`Svg::text`] from its start, in letters of equal width: 0.602 of `size`.
+    pub fn even_text(&mut self, at: (f64, f64), size: f64, colour: &str, text: &str) {
+        let font = format!(r#" font-family="{EVEN_FONTS}""#);
+        self.place_text(at, size, colour, Anchor::Start, text, &font);
+    }
+
     /// Reads from the bottom up, centred on `at`.
     pub fn vertical_text(&mut self, at: (f64, f64), size: f64, colour: &str, text: &str) {
         let turn = format!(r#" transform="rotate(-90 {:.2} {:.2})""#, at.0, at.1);
@@ -101,7 +117,7 @@ impl Svg {
         colour: &str,
         anchor: Anchor,
         text: &str,
-        turn: &str,
+        attributes: &str,
     ) {
         let anchor = match anchor {
             Anchor::Start => "start",
@@ -109,7 +125,7 @@ impl Svg {
             Anchor::End => "end",
         };
         self.push(format_args!(
-            r#"<text x="{:.2}" y="{:.2}" font-size="{size}" fill="{colour}" text-anchor="{anchor}"{turn}>{}</text>"#,
+            r#"<text x="{:.2}" y="{:.2}" font-size="{size}" fill="{colour}" text-anchor="{anchor}"{attributes}>{}</text>"#,
             at.0,
             at.1,
             escape(text)
@@ -127,31 +143,51 @@ impl Svg {
         self.push(format_args!("</g>"));
     }
 
-    /// Writes the picture; the extension of `out` says which kind. Missing folders are made.
-    pub fn save(self, out: &Path) -> Result<(), Error> {
-        let format = Format::of(out)?;
-        let document = format!(
+    /// The whole SVG document.
+    pub fn document(&self) -> String {
+        format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{w}\" height=\"{h}\" \
              viewBox=\"0 0 {w} {h}\" font-family=\"{FONTS}\">\n{}</svg>\n",
             self.body,
             w = self.width,
             h = self.height,
-        );
-        let bytes = match format {
-            Format::Svg => document.into_bytes(),
-            Format::Png => rasterise(&document, self.width, self.height)
+        )
+    }
+
+    /// The drawing in pixels, all of them opaque; or what stands in the way.
+    pub fn rasterise(&self) -> Result<tiny_skia::Pixmap, String> {
+        let options = usvg::Options { fontdb: EMBEDDED.clone(), ..usvg::Options::default() };
+        let tree = usvg::Tree::from_str(&self.document(), &options).map_err(|error| error.to_string())?;
+        let mut pixels = tiny_skia::Pixmap::new(self.width, self.height)
+            .ok_or_else(|| format!("a picture cannot have {} x {} pixels", self.width, self.height))?;
+        resvg::render(&tree, tiny_skia::Transform::identity(), &mut pixels.as_mut());
+        Ok(pixels)
+    }
+
+    /// Writes the picture; the extension of `out` says which kind. Missing folders are made.
+    pub fn save(self, out: &Path) -> Result<(), Error> {
+        let bytes = match Format::of(out)? {
+            Format::Svg => self.document().into_bytes(),
+            Format::Png => self
+                .rasterise()
+                .and_then(|pixels| pixels.encode_png().map_err(|error| error.to_string()))
                 .map_err(|problem| Error::Raster { path: out.to_owned(), problem })?,
         };
-        let write = |source| Error::Write { path: out.to_owned(), source };
-        if let Some(folder) = out.parent() {
-            fs::create_dir_all(folder).map_err(write)?;
-        }
-        fs::write(out, bytes).map_err(write)
+        write(out, &bytes)
     }
 
     fn push(&mut self, element: std::fmt::Arguments) {
         writeln!(self.body, "{element}").expect("writing to a String does not fail");
     }
+}
+
+/// Writes a file; missing folders are made.
+pub fn write(out: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let failed = |source| Error::Write { path: out.to_owned(), source };
+    if let Some(folder) = out.parent() {
+        fs::create_dir_all(folder).map_err(failed)?;
+    }
+    fs::write(out, bytes).map_err(failed)
 }
 
 /// The kind of picture a file name asks for.
@@ -169,16 +205,6 @@ impl Format {
             _ => Err(Error::Extension { path: out.to_owned() }),
         }
     }
-}
-
-fn rasterise(document: &str, width: u32, height: u32) -> Result<Vec<u8>, String> {
-    let mut fonts = usvg::fontdb::Database::new();
-    fonts.load_font_data(dejavu::sans::regular().to_vec());
-    let options = usvg::Options { fontdb: Arc::new(fonts), ..usvg::Options::default() };
-    let tree = usvg::Tree::from_str(document, &options).map_err(|error| error.to_string())?;
-    let mut pixels = tiny_skia::Pixmap::new(width, height).ok_or("the picture has no area")?;
-    resvg::render(&tree, tiny_skia::Transform::identity(), &mut pixels.as_mut());
-    pixels.encode_png().map_err(|error| error.to_string())
 }
 
 fn path(points: &[(f64, f64)]) -> String {

@@ -96,6 +96,8 @@ pub struct Foraging {
     step: u32,
     /// The actions of the last step after invalid ones became [`NONE`].
     effective: Vec<u16>,
+    /// The rewards of the last step, for pictures.
+    earned: Vec<f64>,
     /// Scratch of a step: the cell each player names, and by cell how many name it (zero between steps).
     named: Vec<usize>,
     named_by: Vec<u8>,
@@ -126,6 +128,7 @@ impl Foraging {
             level_sum_at_reset: 0,
             step: 0,
             effective: vec![NONE; agents],
+            earned: vec![0.0; agents],
             named: vec![0; agents],
             sizes,
             config,
@@ -271,6 +274,7 @@ impl World for Foraging {
         if self.effective.contains(&LOAD) {
             self.load(rewards);
         }
+        self.earned.copy_from_slice(rewards);
         if self.foods.is_empty() {
             End::Terminated
         } else if self.step >= self.config.episode_limit {

@@ -19,6 +19,7 @@ impl Foraging {
         self.level_sum_at_reset = self.foods.iter().map(|food| u32::from(food.level)).sum();
         self.step = 0;
         self.effective.fill(super::NONE);
+        self.earned.fill(0.0);
     }
 
     pub(super) fn clear_foods(&mut self) {

@@ -72,6 +72,7 @@ impl Foraging {
         self.level_sum_at_reset = state.food_level_sum_at_reset;
         self.step = state.step;
         self.effective.fill(super::NONE);
+        self.earned.fill(0.0);
         Ok(())
     }
 
