@@ -22,6 +22,7 @@ pub mod scene;
 
 pub mod lbf;
 pub mod replay;
+pub mod rware;
 
 mod draw;
 
