@@ -1,9 +1,9 @@
 //! The families of worlds: what [`crate::task`] knows of each of them.
 
-use crate::{lbf, Opponent, World};
+use crate::{lbf, mpe, Opponent, World};
 
 /// All families. A new one is added by its line here.
-pub static FAMILIES: [&Family; 1] = [&lbf::FAMILY];
+pub static FAMILIES: [&Family; 2] = [&lbf::FAMILY, &mpe::FAMILY];
 
 /// A family of tasks that share a world and a form of names.
 #[derive(Debug)]
