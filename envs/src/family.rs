@@ -1,9 +1,9 @@
 //! The families of worlds: what [`crate::task`] knows of each of them.
 
-use crate::{lbf, rware, Opponent, World};
+use crate::{lbf, mpe, rware, Opponent, World};
 
 /// All families. A new one is added by its line here.
-pub static FAMILIES: [&Family; 2] = [&lbf::FAMILY, &rware::FAMILY];
+pub static FAMILIES: [&Family; 3] = [&lbf::FAMILY, &rware::FAMILY, &mpe::FAMILY];
 
 /// A family of tasks that share a world and a form of names.
 #[derive(Debug)]

@@ -21,6 +21,7 @@ mod world;
 pub mod scene;
 
 pub mod lbf;
+pub mod mpe;
 pub mod replay;
 pub mod rware;
 

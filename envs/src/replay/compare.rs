@@ -57,6 +57,18 @@ impl Findings {
         }
     }
 
+    /// Doubles that may differ by `tolerance`: absolutely where they are small, else in relation to their size.
+    pub fn near(&mut self, field: &str, expected: &[f64], found: &[f64], tolerance: f64) {
+        debug_assert_eq!(expected.len(), found.len());
+        for (k, (expected, found)) in expected.iter().zip(found).enumerate() {
+            // Not-a-number is near to nothing.
+            let near = (expected - found).abs() <= tolerance * expected.abs().max(1.0);
+            if !near {
+                self.differs(|| format!("{field}[{k}]"), expected, found);
+            }
+        }
+    }
+
     /// Two things that are compared as a whole.
     pub fn whole<T: PartialEq + Debug>(&mut self, field: impl Fn() -> String, expected: &T, found: &T) {
         if expected != found {

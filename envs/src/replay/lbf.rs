@@ -43,7 +43,7 @@ struct Replay {
 }
 
 /// Where in an episode the trace is.
-enum Progress {
+pub(super) enum Progress {
     Before,
     Running,
     /// The record and the world say so.
@@ -53,7 +53,7 @@ enum Progress {
 }
 
 /// Damage is described without its place, which the caller adds.
-type Damage = String;
+pub(super) type Damage = String;
 
 impl Replay {
     fn new<R: BufRead>(lines: &Lines<R>, header: &Header) -> Result<Replay, ReplayError> {
@@ -206,7 +206,7 @@ fn check_header(header: &Header, world: &Foraging) -> Result<(), Damage> {
     check_same("epymarl.episode_limit", &header.episode_limit, &epymarl.episode_limit)
 }
 
-fn check_same<T: PartialEq + Debug>(field: &str, expected: &T, found: &T) -> Result<(), Damage> {
+pub(super) fn check_same<T: PartialEq + Debug>(field: &str, expected: &T, found: &T) -> Result<(), Damage> {
     if found == expected {
         Ok(())
     } else {
@@ -214,7 +214,7 @@ fn check_same<T: PartialEq + Debug>(field: &str, expected: &T, found: &T) -> Res
     }
 }
 
-fn check_length(field: &str, expected: usize, found: usize) -> Result<(), Damage> {
+pub(super) fn check_length(field: &str, expected: usize, found: usize) -> Result<(), Damage> {
     if found == expected {
         Ok(())
     } else {

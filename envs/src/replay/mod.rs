@@ -6,6 +6,7 @@
 mod compare;
 mod lbf;
 mod lines;
+mod mpe;
 mod record;
 
 use std::fmt;
@@ -53,7 +54,9 @@ pub enum ReplayError {
     Read { file: String, line: u64, source: io::Error },
     #[error("{file}, line {line}: {what}")]
     Damaged { file: String, line: u64, what: String },
-    #[error("{file} is a trace of `{family}` (task `{task}`), which cannot be replayed yet; `lbf` can")]
+    #[error(
+        "{file} is a trace of `{family}` (task `{task}`), which cannot be replayed yet; `lbf` and `mpe` can"
+    )]
     Unsupported { file: String, family: String, task: String },
 }
 
@@ -78,6 +81,7 @@ pub fn replay(lines: impl BufRead, name: &str) -> Result<Report, ReplayError> {
     }
     match start.env.as_str() {
         "lbf" => lbf::replay(lines, start.task),
+        "mpe" => mpe::replay(lines, start.task),
         _ => Err(ReplayError::Unsupported { file: name.to_owned(), family: start.env, task: start.task }),
     }
 }

@@ -4,5 +4,6 @@ mod conformance;
 mod foraging_starts;
 mod foraging_steps;
 mod golden;
+mod particles_traces;
 mod spoilt_traces;
 mod traces;

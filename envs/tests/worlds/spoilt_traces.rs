@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::traces::{excerpts, replay_text, text};
 
-fn excerpt(name: &str) -> Vec<String> {
+pub fn excerpt(name: &str) -> Vec<String> {
     text(&excerpts().join(format!("{name}.jsonl.gz"))).lines().map(str::to_owned).collect()
 }
 
@@ -14,14 +14,14 @@ fn first_load(lines: &[String]) -> usize {
     lines.iter().position(|line| line.contains(r#""load""#)).expect("the excerpt has a load")
 }
 
-fn with_line(lines: &[String], number: usize, line: &str) -> String {
+pub fn with_line(lines: &[String], number: usize, line: &str) -> String {
     let mut lines = lines.to_vec();
     line.clone_into(&mut lines[number]);
     lines.join("\n")
 }
 
 /// The paths of all numbers and flags of a record, below the named fields.
-fn leaves(record: &Value, fields: &[&str]) -> Vec<String> {
+pub fn leaves(record: &Value, fields: &[&str]) -> Vec<String> {
     fn collect(value: &Value, path: String, found: &mut Vec<String>) {
         match value {
             Value::Array(entries) => {
@@ -135,7 +135,7 @@ fn the_report_shows_the_first_difference_in_full() {
     );
 }
 
-fn damage(text: &str) -> String {
+pub fn damage(text: &str) -> String {
     let error = replay_text(text).expect_err("the trace is damaged");
     assert!(matches!(error, ReplayError::Damaged { .. }), "{error:?}");
     error.to_string().strip_prefix("trace, ").expect("the name of the trace comes first").to_owned()
@@ -214,11 +214,11 @@ fn a_stream_that_breaks_is_an_error_with_its_line() {
 
 #[test]
 fn a_trace_of_another_family_is_named() {
-    let header = r#"{"type":"header","format_version":1,"env":"rware","task":"rware-tiny-2ag"}"#;
+    let header = r#"{"type":"header","format_version":1,"env":"chess","task":"chess-8x8"}"#;
     let error = replay_text(header).unwrap_err();
     assert!(matches!(error, ReplayError::Unsupported { .. }));
     assert_eq!(
         error.to_string(),
-        "trace is a trace of `rware` (task `rware-tiny-2ag`), which cannot be replayed yet; `lbf` can"
+        "trace is a trace of `chess` (task `chess-8x8`), which cannot be replayed yet; `lbf` and `mpe` can"
     );
 }

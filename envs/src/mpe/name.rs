@@ -1,0 +1,160 @@
+//! The names of particle tasks, and the spellings of the reference packages.
+
+use super::{Game, Rules};
+
+/// The form of a name, for messages.
+pub(crate) const FORM: &str = "mpe-simple-{speaker-listener|adversary|tag}[-epymarl|-2021]";
+
+/// What is wrong with a name of this family.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub(crate) enum NameError {
+    #[error("expected `simple-speaker-listener`, `simple-adversary` or `simple-tag`, found {found}; the form is {FORM}")]
+    Game { found: String },
+    #[error("expected nothing, `epymarl` or `2021` after `{game}`, found {found}; the form is {FORM}")]
+    Rules { game: &'static str, found: String },
+    #[error(
+        "version {found} of `{game}` moves particles in another order than any rules here; take version \
+         {current}, or `{game}-2021` for the original particle code"
+    )]
+    Old { game: &'static str, found: u32, current: u32 },
+}
+
+/// Reads a name; `None` when it is of another family. The case of letters does not matter, `_` is the same as
+/// `-`, and names of the reference (`mpe2:simple_tag_v3`, `mpe:SimpleTag-v0`) mean the same.
+pub(crate) fn parse(name: &str) -> Option<Result<(Game, Rules), NameError>> {
+    let name = name.to_ascii_lowercase().replace('_', "-");
+    let prefix =
+        ["pz-mpe-", "mpe2:", "mpe:", "mpe-"].into_iter().find_map(|prefix| name.strip_prefix(prefix));
+    let rest = prefix.or_else(|| name.starts_with("simple").then_some(name.as_str()))?;
+    Some(parse_rest(rest))
+}
+
+fn parse_rest(rest: &str) -> Result<(Game, Rules), NameError> {
+    for game in Game::ALL {
+        let name = game.short_name();
+        // As in `SimpleTag-v0`, the form of the ids that the 2021 study registered.
+        let joined = rest.strip_prefix(&name.replace('-', ""));
+        match rest.strip_prefix(name).or(joined) {
+            Some("") => return Ok((game, Rules::Current)),
+            Some(rest) if rest.starts_with('-') => {
+                return parse_rules(game, &rest[1..], joined.is_some()).map(|rules| (game, rules));
+            }
+            _ => {}
+        }
+    }
+    Err(NameError::Game { found: quoted(rest) })
+}
+
+fn parse_rules(game: Game, suffix: &str, registered: bool) -> Result<Rules, NameError> {
+    if registered && suffix == "v0" {
+        return Ok(Rules::Study2021);
+    }
+    let name = game.short_name();
+    let current = game.layout().version;
+    let version = suffix.strip_prefix('v').filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()));
+    match version.and_then(|digits| digits.parse().ok()) {
+        Some(version) if version == current => Ok(Rules::Current),
+        Some(found) if found < current => Err(NameError::Old { game: name, found, current }),
+        _ => Rules::parse(suffix).ok_or_else(|| NameError::Rules { game: name, found: quoted(suffix) }),
+    }
+}
+
+fn quoted(part: &str) -> String {
+    match part {
+        "" => "nothing".to_owned(),
+        part => format!("`{part}`"),
+    }
+}
+
+impl Game {
+    /// Such as `simple-tag`.
+    fn short_name(self) -> &'static str {
+        self.layout().task.strip_prefix("mpe-").expect("all tasks of the family begin so")
+    }
+
+    /// The one name that Rondo prints for this game under these rules.
+    pub(super) fn name(self, rules: Rules) -> String {
+        let task = self.layout().task;
+        match rules {
+            Rules::Current => task.to_owned(),
+            Rules::Epymarl | Rules::Study2021 => format!("{task}-{rules}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn canonical(name: &str) -> String {
+        let (game, rules) = parse(name).expect("of this family").expect("a good name");
+        game.name(rules)
+    }
+
+    fn mistake(name: &str) -> String {
+        parse(name).expect("of this family").expect_err("a bad name").to_string()
+    }
+
+    #[test]
+    fn every_spelling_has_one_canonical_name() {
+        for (name, expected) in [
+            ("mpe-simple-tag", "mpe-simple-tag"),
+            ("mpe-simple-tag-current", "mpe-simple-tag"),
+            ("MPE-Simple-Tag-EPyMARL", "mpe-simple-tag-epymarl"),
+            ("mpe-simple-adversary-2021", "mpe-simple-adversary-2021"),
+            ("simple_tag_v3", "mpe-simple-tag"),
+            ("simple-tag-v3", "mpe-simple-tag"),
+            ("pz-mpe-simple-tag-v3", "mpe-simple-tag"),
+            ("mpe:simple_tag_v3", "mpe-simple-tag"),
+            ("mpe2:simple_adversary_v3", "mpe-simple-adversary"),
+            ("simple_speaker_listener_v4", "mpe-simple-speaker-listener"),
+            ("mpe:SimpleTag-v0", "mpe-simple-tag-2021"),
+            ("mpe:SimpleSpeakerListener-v0", "mpe-simple-speaker-listener-2021"),
+            ("SimpleAdversary-v0", "mpe-simple-adversary-2021"),
+        ] {
+            assert_eq!(canonical(name), expected, "{name}");
+        }
+    }
+
+    #[test]
+    fn other_families_are_left_to_others() {
+        for name in ["", "mpe", "lbf-8x8-2p-2f", "tag", "rware-tiny-2ag"] {
+            assert_eq!(parse(name), None, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_wrong_name_is_answered_with_what_belongs_there() {
+        for (name, expected) in [
+            ("mpe-", "expected `simple-speaker-listener`, `simple-adversary` or `simple-tag`, found nothing"),
+            (
+                "mpe-simple-spread",
+                "expected `simple-speaker-listener`, `simple-adversary` or `simple-tag`, found `simple-spread`",
+            ),
+            (
+                "simple_tags_v3",
+                "expected `simple-speaker-listener`, `simple-adversary` or `simple-tag`, found `simple-tags-v3`",
+            ),
+            ("simple_tag_v4", "expected nothing, `epymarl` or `2021` after `simple-tag`, found `v4`"),
+            ("mpe-simple-tag-", "expected nothing, `epymarl` or `2021` after `simple-tag`, found nothing"),
+            ("mpe-simple-tag-2020", "expected nothing, `epymarl` or `2021` after `simple-tag`, found `2020`"),
+        ] {
+            assert_eq!(mistake(name), format!("{expected}; the form is {FORM}"), "{name}");
+        }
+    }
+
+    #[test]
+    fn versions_with_another_order_of_integration_are_refused_with_the_reason() {
+        for (name, game, found, current) in [
+            ("simple_tag_v2", "simple-tag", 2, 3),
+            ("simple_tag_v0", "simple-tag", 0, 3),
+            ("mpe:simple_speaker_listener_v3", "simple-speaker-listener", 3, 4),
+        ] {
+            let expected = format!(
+                "version {found} of `{game}` moves particles in another order than any rules here; take version \
+                 {current}, or `{game}-2021` for the original particle code"
+            );
+            assert_eq!(mistake(name), expected, "{name}");
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! A particle game as its team plays it: the opponent is part of the world.
+
+use rand::RngCore;
+
+use super::game::{MAX_AGENTS, MAX_OBS, MOVES};
+use super::{FrozenNetwork, NetworkError, Particles};
+use crate::draw::below;
+use crate::scene::Scene;
+use crate::{End, Opponent, Sizes, World};
+
+/// The controlled agents of a game, and whoever plays the other one.
+#[derive(Debug, Clone)]
+pub struct Team {
+    particles: Particles,
+    opponent: Policy,
+    sizes: Sizes,
+}
+
+#[derive(Debug, Clone)]
+enum Policy {
+    /// The game has no opponent.
+    Nobody,
+    Network(FrozenNetwork),
+    Random,
+    Still,
+}
+
+/// Why somebody cannot be the opponent in a game.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OpponentError {
+    #[error("this game has no opponent to choose")]
+    NoOpponent,
+    #[error(
+        "no opponent is built in for this game: give the weights of one, or take one that is random or still"
+    )]
+    NoBuiltin,
+    #[error("the opponent's weights: {0}")]
+    Weights(#[from] NetworkError),
+}
+
+impl Team {
+    pub fn new(particles: Particles, opponent: &Opponent) -> Result<Team, OpponentError> {
+        let layout = particles.game.layout();
+        let policy = match (layout.opponent, opponent) {
+            (None, Opponent::Builtin) => Policy::Nobody,
+            (None, _) => return Err(OpponentError::NoOpponent),
+            (Some(_), Opponent::Random) => Policy::Random,
+            (Some(_), Opponent::Still) => Policy::Still,
+            (Some(_), Opponent::Builtin) => return Err(OpponentError::NoBuiltin),
+            (Some(role), Opponent::Weights(bytes)) => {
+                Policy::Network(FrozenNetwork::parse(bytes, layout.agents[role].obs_size)?)
+            }
+        };
+        let team = &layout.agents[layout.team.clone()];
+        let sizes = Sizes {
+            agents: team.len(),
+            obs_size: team.iter().map(|body| body.obs_size).collect(),
+            n_actions: team.iter().map(|body| body.n_actions).collect(),
+            episode_limit: particles.sizes().episode_limit,
+        };
+        Ok(Team { particles, opponent: policy, sizes })
+    }
+
+    /// What the opponent does now. A network acts on what its agent sees, without noise.
+    fn opponent_acts(&mut self, role: usize, rng: &mut dyn RngCore) -> u16 {
+        match &mut self.opponent {
+            Policy::Network(network) => {
+                let mut seen = [0.0; MAX_OBS];
+                let seen = &mut seen[..self.particles.game.layout().agents[role].obs_size];
+                self.particles.view(role, seen);
+                self.particles.rules.action_of_network(network.choose(seen))
+            }
+            Policy::Random => below(rng, MOVES as u32) as u16,
+            Policy::Still | Policy::Nobody => 0,
+        }
+    }
+}
+
+impl World for Team {
+    fn sizes(&self) -> &Sizes {
+        &self.sizes
+    }
+
+    fn reset(&mut self, rng: &mut dyn RngCore) {
+        self.particles.reset(rng);
+    }
+
+    fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End {
+        let layout = self.particles.game.layout();
+        let (mut all, mut earned) = ([0; MAX_AGENTS], [0.0; MAX_AGENTS]);
+        let everybody = ..layout.agents.len();
+        all[layout.team.clone()].copy_from_slice(actions);
+        if let Some(role) = layout.opponent {
+            all[role] = self.opponent_acts(role, rng);
+        }
+        let end = self.particles.play(&all[everybody], &mut earned[everybody]);
+        rewards.copy_from_slice(&earned[layout.team.clone()]);
+        end
+    }
+
+    fn observe(&self, agent: usize, out: &mut [f32]) {
+        assert!(agent < self.sizes.agents, "an agent of the team");
+        self.particles.view(self.particles.game.layout().team.start + agent, out);
+    }
+
+    fn scene(&self) -> Scene {
+        self.particles.draw()
+    }
+
+    fn copy(&self) -> Box<dyn World> {
+        Box::new(self.clone())
+    }
+}
