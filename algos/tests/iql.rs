@@ -171,7 +171,7 @@ fn what_is_never_allowed_reaches_neither_gradient_nor_target() {
     // The third action is never allowed. Its bias makes it the best or the worst by far, to both networks.
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let mut episode = episode(2, &mut rng);
-    (episode.actions, episode.avail) = (vec![0, 1], vec![1, 1, 0].repeat(3));
+    (episode.actions, episode.avail) = (vec![0, 1], [1, 1, 0].repeat(3));
     let run = |value_of_forbidden: f32| {
         let mut learner = learner(config(Kind::Fc));
         let mut tensors: Vec<(String, Vec<f32>)> =
