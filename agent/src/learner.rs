@@ -300,13 +300,13 @@ impl Learner {
     /// If the disk fails.
     pub fn saved(&mut self) -> Result<(), Failure> {
         let Method::Q(q) = &mut self.method else { return Ok(()) };
-        let Q { replay: Some(replay), saved, settings, .. } = &mut **q else { return Ok(()) };
+        let Q { replay: Some(replay), saved, .. } = &mut **q else { return Ok(()) };
         saved.push_back(replay.position());
         if saved.len() > KEEP {
             saved.pop_front();
         }
         if saved.len() == KEEP {
-            replay.forget_before(saved[0].saturating_sub(u64::from(settings.buffer)))?;
+            replay.forget_before(saved[0])?;
         }
         Ok(())
     }
