@@ -1,5 +1,7 @@
 //! Commands that look at runs and tasks: digest, plot, compare, example, tasks.
 
+mod tasks;
+
 use std::path::PathBuf;
 
 use monitor::PlotOptions;
@@ -7,9 +9,11 @@ use process::Failure;
 use proto::exit;
 use store::RunFolder;
 
+pub use tasks::Tasks;
+
 fn unusable(error: monitor::Error) -> Failure {
     let code = match error {
-        monitor::Error::Read { .. } | monitor::Error::Write { .. } => exit::IO,
+        monitor::Error::Read { .. } | monitor::Error::Write { .. } | monitor::Error::Terminal(_) => exit::IO,
         monitor::Error::Raster { .. } => exit::BUG,
         monitor::Error::Extension { .. } => exit::USAGE,
         _ => exit::CONFIG,
@@ -132,38 +136,6 @@ impl Example {
         println!("{}", monitor::estimation_report());
         monitor::estimation_plot(out).map_err(unusable)?;
         println!("drawn in {}", out.display());
-        Ok(())
-    }
-}
-
-/// List the tasks
-#[derive(Debug, Clone, clap::Args)]
-pub struct Tasks {}
-
-impl Tasks {
-    pub fn run(&self) -> Result<(), Failure> {
-        let tasks = envs::tasks();
-        let width = tasks.iter().map(|task| task.name.len()).max().unwrap_or(0);
-        println!("{:width$}  agents  observation  actions  limit  rules", "task");
-        for task in &tasks {
-            let list = |sizes: &[usize]| {
-                let mut sizes = sizes.to_vec();
-                sizes.dedup();
-                sizes.iter().map(usize::to_string).collect::<Vec<_>>().join("/")
-            };
-            println!(
-                "{:width$}  {:>6}  {:>11}  {:>7}  {:>5}  {}",
-                task.name,
-                task.sizes.agents,
-                list(&task.sizes.obs_size),
-                list(&task.sizes.n_actions),
-                task.sizes.episode_limit,
-                task.source
-            );
-        }
-        for family in envs::FAMILIES {
-            println!("\n{}: {}; rules {}", family.title, family.form, family.rules.join(", "));
-        }
         Ok(())
     }
 }

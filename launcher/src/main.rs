@@ -52,7 +52,7 @@ enum Command {
     Bench(bench::Bench),
     /// Work out an example from the paper
     Example(look::Example),
-    /// List the tasks
+    /// List the tasks, or explain one
     Tasks(look::Tasks),
     /// Write the configuration that `train` would run with: the file for roles started one by one
     Config(train::WriteConfig),
