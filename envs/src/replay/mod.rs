@@ -4,9 +4,11 @@
 //! A trace is a text of one JSON object per line: a header, then episodes of one `reset` and its `step`s.
 
 mod compare;
+mod episode;
 mod lbf;
 mod lines;
 mod record;
+mod rware;
 
 use std::fmt;
 use std::io::{self, BufRead};
@@ -53,7 +55,7 @@ pub enum ReplayError {
     Read { file: String, line: u64, source: io::Error },
     #[error("{file}, line {line}: {what}")]
     Damaged { file: String, line: u64, what: String },
-    #[error("{file} is a trace of `{family}` (task `{task}`), which cannot be replayed yet; `lbf` can")]
+    #[error("{file} is a trace of `{family}` (task `{task}`), which cannot be replayed yet; `lbf` and `rware` can")]
     Unsupported { file: String, family: String, task: String },
 }
 
@@ -78,6 +80,7 @@ pub fn replay(lines: impl BufRead, name: &str) -> Result<Report, ReplayError> {
     }
     match start.env.as_str() {
         "lbf" => lbf::replay(lines, start.task),
+        "rware" => rware::replay(lines, start.task),
         _ => Err(ReplayError::Unsupported { file: name.to_owned(), family: start.env, task: start.task }),
     }
 }

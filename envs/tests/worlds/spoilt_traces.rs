@@ -214,11 +214,11 @@ fn a_stream_that_breaks_is_an_error_with_its_line() {
 
 #[test]
 fn a_trace_of_another_family_is_named() {
-    let header = r#"{"type":"header","format_version":1,"env":"rware","task":"rware-tiny-2ag"}"#;
+    let header = r#"{"type":"header","format_version":1,"env":"chess","task":"chess-8x8"}"#;
     let error = replay_text(header).unwrap_err();
     assert!(matches!(error, ReplayError::Unsupported { .. }));
     assert_eq!(
         error.to_string(),
-        "trace is a trace of `rware` (task `rware-tiny-2ag`), which cannot be replayed yet; `lbf` can"
+        "trace is a trace of `chess` (task `chess-8x8`), which cannot be replayed yet; `lbf` and `rware` can"
     );
 }
