@@ -22,7 +22,7 @@ use std::process::ExitCode;
 
 use proto::exit;
 
-pub use learner::Learner;
+pub use learner::{owner, Learner};
 pub use train::{run, Left};
 
 /// Arguments of the role's process.

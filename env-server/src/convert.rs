@@ -1,9 +1,10 @@
 //! Where worlds meet messages: environment copies on one side, one [`Observe`] for each agent on the other.
 
+use envs::scene::Scene;
 use envs::{Sizes, Task, World};
 use proto::config::Reward;
 use proto::stream::stream;
-use proto::{End, Mode, Observe};
+use proto::{End, Observe};
 use rand_chacha::ChaCha8Rng;
 
 /// One environment copy and the episode it is in.
@@ -63,9 +64,8 @@ impl Copies {
         }
     }
 
-    /// Starts an episode in every copy. All chance in copy `k` follows from seed, mode, round and `k`.
-    pub fn reset(&mut self, seed: u64, mode: Mode, round: u64) {
-        let purpose = if mode == Mode::Test { "test-episode" } else { "episode" };
+    /// Starts an episode in every copy. All chance in copy `k` follows from seed, purpose, round and `k`.
+    pub fn reset(&mut self, seed: u64, purpose: &str, round: u64) {
         for (k, copy) in self.copies.iter_mut().enumerate() {
             copy.rng = stream(seed, "world", purpose, &[round, k as u64]);
             copy.world.reset(&mut copy.rng);
@@ -147,6 +147,11 @@ impl Copies {
         }
     }
 
+    /// What a copy looks like now.
+    pub fn scene(&self, copy: usize) -> Scene {
+        self.copies[copy].world.scene()
+    }
+
     /// The episodes just played, by copy.
     pub fn played(&self) -> impl Iterator<Item = Played<'_>> + '_ {
         self.copies.iter().map(|copy| Played {
@@ -169,7 +174,7 @@ mod tests {
     fn a_message_has_the_copies_that_were_running_and_their_reward() {
         let task = envs::task("lbf-5x5-2p-1f").expect("a task");
         let mut copies = Copies::of(&task, 3, Reward::Sum);
-        copies.reset(1, Mode::Train, 0);
+        copies.reset(1, "episode", 0);
         let mut observe = Observe::default();
         copies.show(1, &mut observe);
         assert_eq!((observe.rows(), observe.obs_size, observe.n_actions), (3, 9, 6));
@@ -190,16 +195,16 @@ mod tests {
     #[test]
     fn the_same_seed_and_round_give_the_same_episodes_and_tests_are_others() {
         let task = envs::task("lbf-8x8-2p-2f-coop").expect("a task");
-        let starts = |seed, mode, round| {
+        let starts = |seed, purpose, round| {
             let mut copies = Copies::of(&task, 4, Reward::Sum);
-            copies.reset(seed, mode, round);
+            copies.reset(seed, purpose, round);
             let mut observe = Observe::default();
             copies.show(0, &mut observe);
             observe.obs
         };
-        let first = starts(1, Mode::Train, 0);
-        assert_eq!(first, starts(1, Mode::Train, 0));
-        for other in [starts(2, Mode::Train, 0), starts(1, Mode::Train, 1), starts(1, Mode::Test, 0)] {
+        let first = starts(1, "episode", 0);
+        assert_eq!(first, starts(1, "episode", 0));
+        for other in [starts(2, "episode", 0), starts(1, "episode", 1), starts(1, "test-episode", 0)] {
             assert_ne!(first, other);
         }
     }
@@ -208,7 +213,7 @@ mod tests {
     fn an_action_that_does_not_exist_is_found() {
         let task = envs::task("lbf-5x5-2p-1f").expect("a task");
         let mut copies = Copies::of(&task, 2, Reward::Sum);
-        copies.reset(1, Mode::Train, 0);
+        copies.reset(1, "episode", 0);
         assert_eq!(copies.check(0, &[0, 5]), Ok(()));
         assert_eq!(copies.check(0, &[0, 6]), Err((1, 6)));
     }

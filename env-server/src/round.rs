@@ -7,7 +7,7 @@ use bus::{Event, Publisher};
 use process::{Failure, Ignored};
 use proto::exit;
 use proto::keys::{Key, Keys};
-use proto::tick::TickId;
+use proto::tick::{Mode, TickId};
 use proto::{Act, Observe};
 
 use crate::convert::Copies;
@@ -100,7 +100,7 @@ impl<'a> Team<'a> {
         seed: u64,
     ) -> Result<(), Interrupted> {
         let start = Instant::now();
-        copies.reset(seed, first.mode, first.round);
+        copies.reset(seed, if first.mode == Mode::Test { "test-episode" } else { "episode" }, first.round);
         self.seconds.world += start.elapsed().as_secs_f64();
         let mut id = first;
         loop {

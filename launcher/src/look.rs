@@ -11,7 +11,7 @@ use store::RunFolder;
 
 pub use tasks::Tasks;
 
-fn unusable(error: monitor::Error) -> Failure {
+pub fn unusable(error: monitor::Error) -> Failure {
     let code = match error {
         monitor::Error::Read { .. } | monitor::Error::Write { .. } | monitor::Error::Terminal(_) => exit::IO,
         monitor::Error::Raster { .. } => exit::BUG,

@@ -4,14 +4,18 @@ mod bench;
 mod child_processes;
 mod display;
 mod drive;
+mod eval;
 mod experiment;
 mod in_process;
 mod look;
 mod one_at_a_time;
+mod presets;
+mod render;
 mod replay;
 mod roles;
 mod summary;
 mod sweep;
+mod team;
 mod train;
 
 use std::process::ExitCode;
@@ -42,6 +46,10 @@ enum Command {
     Resume(train::Resume),
     /// Print digests of the final weights and the metric rows of a run
     Digest(look::Digest),
+    /// Play episodes with the trained agents of a run, without learning
+    Eval(eval::Eval),
+    /// Draw episodes of the trained agents of a run: a film, pictures, or live in the terminal
+    Render(render::Render),
     /// Replay recorded traces of the reference environments and compare every number
     Replay(replay::Replay),
     /// Draw learning curves: mean and standard error over seeds
@@ -54,6 +62,8 @@ enum Command {
     Example(look::Example),
     /// List the tasks, or explain one
     Tasks(look::Tasks),
+    /// Print the published settings of every family of tasks, with their sources
+    Presets(presets::Presets),
     /// Write the configuration that `train` would run with: the file for roles started one by one
     Config(train::WriteConfig),
     /// Run one agent (the same as `rondo-agent`)
@@ -76,12 +86,15 @@ fn main() -> ExitCode {
         Command::Train(command) => command.run(),
         Command::Resume(command) => command.run(),
         Command::Digest(command) => command.run().map(done),
+        Command::Eval(command) => command.run().map(done),
+        Command::Render(command) => command.run().map(done),
         Command::Replay(command) => command.run(),
         Command::Plot(command) => command.run().map(done),
         Command::Compare(command) => command.run().map(done),
         Command::Bench(command) => command.run().map(done),
         Command::Example(command) => command.run().map(done),
         Command::Tasks(command) => command.run().map(done),
+        Command::Presets(command) => command.run().map(done),
         Command::Config(command) => command.run().map(done),
         Command::Agent(arguments) => Ok(agent::main(&arguments)),
         Command::EnvServer(arguments) => Ok(env_server::main(&arguments)),

@@ -4,10 +4,12 @@
 //! A trace is a text of one JSON object per line: a header, then episodes of one `reset` and its `step`s.
 
 mod compare;
+mod episode;
 mod lbf;
 mod lines;
 mod mpe;
 mod record;
+mod rware;
 
 use std::fmt;
 use std::io::{self, BufRead};
@@ -55,7 +57,7 @@ pub enum ReplayError {
     #[error("{file}, line {line}: {what}")]
     Damaged { file: String, line: u64, what: String },
     #[error(
-        "{file} is a trace of `{family}` (task `{task}`), which cannot be replayed yet; `lbf` and `mpe` can"
+        "{file} is a trace of `{family}` (task `{task}`), which cannot be replayed; lbf, rware and mpe can"
     )]
     Unsupported { file: String, family: String, task: String },
 }
@@ -82,6 +84,7 @@ pub fn replay(lines: impl BufRead, name: &str) -> Result<Report, ReplayError> {
     match start.env.as_str() {
         "lbf" => lbf::replay(lines, start.task),
         "mpe" => mpe::replay(lines, start.task),
+        "rware" => rware::replay(lines, start.task),
         _ => Err(ReplayError::Unsupported { file: name.to_owned(), family: start.env, task: start.task }),
     }
 }

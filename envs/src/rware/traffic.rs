@@ -28,7 +28,7 @@ impl Traffic {
             let wanted = self.wanted[robot];
             if floor.robot(wanted).is_some() {
                 // To stay is a ring of one. Two cannot swap, more can move on together.
-                self.granted[robot] = self.ring(robot, floor).is_some_and(|length| length != 2);
+                self.granted[robot] |= self.ring(robot, floor).is_some_and(|length| length != 2);
             } else if !self.wanted[..robot].contains(&wanted) {
                 self.admit(wanted, floor);
             }

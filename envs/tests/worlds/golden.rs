@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use crate::traces::{excerpts, foraging, replay_text, text};
+use crate::traces::{excerpts, foraging, replay_text, text, warehouse};
 
 #[test]
 fn the_excerpts_come_out_exactly_as_recorded() {
@@ -28,12 +28,18 @@ fn the_full_traces_come_out_exactly_as_recorded() {
         eprintln!("skipped: RONDO_GOLDEN does not name the folder of the full traces");
         return;
     };
-    let paths = foraging(Path::new(&folder));
-    assert!(!paths.is_empty(), "no lbf-*.jsonl.gz in {folder:?}, the folder that RONDO_GOLDEN names");
-    for path in paths {
-        let report = replay_text(&text(&path)).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-        println!("{report}");
-        assert_eq!(report.mismatches, 0, "{}: {report}", path.display());
-        assert!(report.steps > 0, "{}: {report}", path.display());
+    let folder = Path::new(&folder);
+    for (family, paths) in [("lbf", foraging(folder)), ("rware", warehouse(folder))] {
+        assert!(
+            !paths.is_empty(),
+            "no {family}-*.jsonl.gz in {folder:?}, the folder that RONDO_GOLDEN names"
+        );
+        for path in paths {
+            let replayed = replay_text(&text(&path));
+            let report = replayed.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+            println!("{report}");
+            assert_eq!(report.mismatches, 0, "{}: {report}", path.display());
+            assert!(report.steps > 0, "{}: {report}", path.display());
+        }
     }
 }

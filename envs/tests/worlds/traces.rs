@@ -27,12 +27,21 @@ pub fn replay_text(text: &str) -> Result<Report, ReplayError> {
 
 /// The foraging traces of a folder, by name.
 pub fn foraging(folder: &Path) -> Vec<PathBuf> {
+    of_family(folder, "lbf-")
+}
+
+/// The warehouse traces of a folder, by name.
+pub fn warehouse(folder: &Path) -> Vec<PathBuf> {
+    of_family(folder, "rware-")
+}
+
+fn of_family(folder: &Path, prefix: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder)
         .unwrap_or_else(|error| panic!("cannot read the folder {}: {error}", folder.display()));
     let mut paths: Vec<PathBuf> = entries.map(|entry| entry.expect("a readable folder").path()).collect();
     paths.retain(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        name.starts_with("lbf-") && name.ends_with(".jsonl.gz")
+        name.starts_with(prefix) && name.ends_with(".jsonl.gz")
     });
     paths.sort();
     paths

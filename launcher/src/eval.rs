@@ -1,0 +1,131 @@
+//! `rondo eval`: how well a trained team plays.
+
+use std::path::PathBuf;
+
+use algos::ppo::Choice;
+use process::Failure;
+use proto::config::{Learner, PolicyTest};
+use proto::exit;
+use serde::Serialize;
+
+use crate::team::Team;
+
+/// Where the result goes without `--json`, in the run folder.
+const FILE: &str = "evaluation.json";
+
+/// Options of commands that let a trained team play.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Playing {
+    /// All chance in the episodes follows from it
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Take the most probable actions instead of drawing them (Q-learning always takes the best)
+    #[arg(long, conflicts_with = "sample")]
+    pub greedy: bool,
+    /// Draw actions from the policy, also where the run's own tests do not
+    #[arg(long)]
+    pub sample: bool,
+}
+
+impl Playing {
+    /// Prepares a team; how it will act, in one word.
+    ///
+    /// # Errors
+    /// If the options mean nothing to its algorithm.
+    pub fn prepare(&self, team: &mut Team) -> Result<&'static str, Failure> {
+        let name = team.config.algo.name;
+        if name.learner() == Learner::Q {
+            if self.sample {
+                let text =
+                    format!("`--sample`: {name} has no probabilities to draw from, it takes the best action");
+                return Err(Failure::new(exit::USAGE, text));
+            }
+            return Ok("greedy");
+        }
+        let as_configured = team.config.ppo.as_ref().map(|ppo| ppo.policy_test);
+        let greedy = self.greedy || (!self.sample && as_configured == Some(PolicyTest::Greedy));
+        team.choose(if greedy { Choice::Greedy } else { Choice::Sample });
+        Ok(if greedy { "greedy" } else { "sample" })
+    }
+}
+
+/// Play episodes with the trained agents of a run, without learning
+#[derive(Debug, Clone, clap::Args)]
+pub struct Eval {
+    /// The run folder
+    run: PathBuf,
+    /// Episodes to play
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    episodes: u32,
+    #[command(flatten)]
+    playing: Playing,
+    /// Where to write the result as JSON; without it `evaluation.json` in the run folder
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Serialize)]
+struct Evaluation<'a> {
+    task: &'a str,
+    algo: &'static str,
+    /// Training rounds before.
+    round: u64,
+    seed: u64,
+    episodes: usize,
+    actions: &'static str,
+    return_mean: f64,
+    /// Divisor `k`, as in tests (spec §8.2).
+    return_std: f64,
+    /// Sample standard deviation (divisor `k - 1`) over the root of `k`; none of a single episode.
+    return_stderr: Option<f64>,
+    ep_length_mean: f64,
+    /// Each agent's own.
+    agent_return_means: Vec<f64>,
+    returns: Vec<f64>,
+}
+
+impl Eval {
+    pub fn run(&self) -> Result<(), Failure> {
+        process::start_logs(None);
+        let mut team = Team::open(&self.run)?;
+        let actions = self.playing.prepare(&mut team)?;
+        let worlds = team.play(self.episodes, self.playing.seed, |_, _| Ok(()))?;
+        let returns: Vec<f64> = worlds.played().map(|episode| episode.episode_return).collect();
+        let k = returns.len() as f64;
+        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / k;
+        let return_mean = mean(&mut returns.iter().copied());
+        let squares = returns.iter().map(|r| (r - return_mean).powi(2)).sum::<f64>();
+        let evaluation = Evaluation {
+            task: &team.config.world.task,
+            algo: team.config.algo.name.as_str(),
+            round: team.round,
+            seed: self.playing.seed,
+            episodes: returns.len(),
+            actions,
+            return_mean,
+            return_std: (squares / k).sqrt(),
+            return_stderr: (k > 1.0).then(|| (squares / (k - 1.0)).sqrt() / k.sqrt()),
+            ep_length_mean: mean(&mut worlds.played().map(|episode| episode.length as f64)),
+            agent_return_means: (0..team.config.world.agents as usize)
+                .map(|agent| mean(&mut worlds.played().map(|episode| episode.returns[agent])))
+                .collect(),
+            returns,
+        };
+        println!("{} · {} · after round {}", evaluation.task, evaluation.algo, evaluation.round);
+        let stderr = evaluation.return_stderr.map_or("–".to_owned(), |e| format!("{e:.4}"));
+        println!(
+            "  return_mean      {:.4} (standard error {stderr}, standard deviation {:.4})",
+            evaluation.return_mean, evaluation.return_std
+        );
+        println!("  ep_length_mean   {:.2}", evaluation.ep_length_mean);
+        let own: Vec<_> = evaluation.agent_return_means.iter().map(|mean| format!("{mean:.4}")).collect();
+        println!("  of each agent    {}", own.join(", "));
+        println!("  episodes         {}, seed {}, actions: {actions}", evaluation.episodes, evaluation.seed);
+        let path = self.json.clone().unwrap_or_else(|| self.run.join(FILE));
+        let text = serde_json::to_string_pretty(&evaluation).map_err(|e| Failure::new(exit::BUG, e))?;
+        std::fs::write(&path, text + "\n")
+            .map_err(|e| Failure::new(exit::IO, format!("cannot write {}: {e}", path.display())))?;
+        println!("  written to       {}", path.display());
+        Ok(())
+    }
+}

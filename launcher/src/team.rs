@@ -1,0 +1,108 @@
+//! A team as a run has left it, playing episodes that nobody learns from: what `eval` and `render` do.
+
+use std::path::Path;
+
+use agent::Learner;
+use algos::ppo::Choice;
+use env_server::Copies;
+use process::Failure;
+use proto::config::Config;
+use proto::stream::stream;
+use proto::{exit, Mode, Observe};
+use store::RunFolder;
+
+/// All agents of a run at their latest common checkpoint, and its world.
+pub struct Team {
+    pub config: Config,
+    /// Training rounds that the agents had completed.
+    pub round: u64,
+    pub task: envs::Task,
+    learners: Vec<Learner>,
+}
+
+impl Team {
+    /// Reads the agents' checkpoints; changes nothing.
+    ///
+    /// # Errors
+    /// If it is no run, an agent's folder is not there, or there is no round of which all agents have a checkpoint.
+    pub fn open(run: &Path) -> Result<Self, Failure> {
+        let folder = RunFolder::open(run)?;
+        let config = Config::from_toml(folder.config_toml())?;
+        config.validate()?;
+        let task = env_server::task(&config, folder.path())?;
+        let names: Vec<String> = (0..config.world.agents).map(|id| format!("agent-{id}")).collect();
+        let here = folder.roles()?;
+        if let Some(missing) = names.iter().find(|name| !here.contains(name)) {
+            let text = format!(
+                "{} has no folder `{missing}`\nhint: an agent that ran on another host keeps its weights there; copy \
+                 its folder here",
+                folder.path().display()
+            );
+            return Err(Failure::new(exit::CONFIG, text));
+        }
+        let checkpoints: Vec<_> =
+            names.iter().map(|name| Ok(folder.role(name)?.checkpoints())).collect::<Result<_, Failure>>()?;
+        let mut common = checkpoints[0].rounds()?;
+        for others in &checkpoints[1..] {
+            let rounds = others.rounds()?;
+            common.retain(|round| rounds.contains(round));
+        }
+        let round = common.last().copied().ok_or_else(|| {
+            let text = format!(
+                "the agents of {} have no checkpoint of the same round\nhint: `rondo resume` it until the next one",
+                folder.path().display()
+            );
+            Failure::new(exit::CONFIG, text)
+        })?;
+        let mut learners = Vec::new();
+        for (id, checkpoints) in checkpoints.iter().enumerate() {
+            let sizes = task.sizes();
+            let mut learner = Learner::new(&config, id as u32, (sizes.obs_size[id], sizes.n_actions[id]));
+            learner.restore(&checkpoints.load(round)?)?;
+            learners.push(learner);
+        }
+        Ok(Self { config, round, task, learners })
+    }
+
+    /// Acts as in tests of its run, or by another choice.
+    pub fn choose(&mut self, choice: Choice) {
+        self.learners.iter_mut().for_each(|learner| learner.choose_in_tests(choice));
+    }
+
+    /// Plays one episode in each of `copies` environment copies, with all chance from `seed`. `watch` sees the
+    /// start and what every step led to, with the joint action (`actions[agent][row]`, by running copy).
+    ///
+    /// # Errors
+    /// What `watch` returns.
+    pub fn play(
+        &mut self,
+        copies: u32,
+        seed: u64,
+        mut watch: impl FnMut(&Copies, &[Vec<u16>]) -> Result<(), Failure>,
+    ) -> Result<Copies, Failure> {
+        let mut worlds = Copies::of(&self.task, copies, self.config.world.reward);
+        worlds.reset(seed, EPISODES, 0);
+        let mut chance: Vec<_> = (0..self.learners.len())
+            .map(|id| stream(seed, &agent::owner(id as u32), "evaluation-actions", &[]))
+            .collect();
+        let mut observe = Observe { mode: Mode::Test, ..Observe::default() };
+        let mut actions = vec![Vec::new(); self.learners.len()];
+        watch(&worlds, &actions)?;
+        for learner in &mut self.learners {
+            learner.begin_round(copies as usize, false);
+        }
+        while worlds.running() > 0 {
+            for (id, learner) in self.learners.iter_mut().enumerate() {
+                worlds.show(id, &mut observe);
+                learner.tick(&observe, false, &mut chance[id]).clone_into(&mut actions[id]);
+            }
+            worlds.step(&actions);
+            observe.tick += 1;
+            watch(&worlds, &actions)?;
+        }
+        Ok(worlds)
+    }
+}
+
+/// Apart from the episodes of training and of its tests.
+const EPISODES: &str = "evaluation-episode";
