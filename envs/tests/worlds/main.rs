@@ -6,3 +6,7 @@ mod foraging_steps;
 mod golden;
 mod spoilt_traces;
 mod traces;
+mod uniform;
+mod warehouse_spoilt;
+mod warehouse_starts;
+mod warehouse_steps;

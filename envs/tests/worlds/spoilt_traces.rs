@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::traces::{excerpts, replay_text, text};
 
-fn excerpt(name: &str) -> Vec<String> {
+pub fn excerpt(name: &str) -> Vec<String> {
     text(&excerpts().join(format!("{name}.jsonl.gz"))).lines().map(str::to_owned).collect()
 }
 
@@ -14,7 +14,7 @@ fn first_load(lines: &[String]) -> usize {
     lines.iter().position(|line| line.contains(r#""load""#)).expect("the excerpt has a load")
 }
 
-fn with_line(lines: &[String], number: usize, line: &str) -> String {
+pub fn with_line(lines: &[String], number: usize, line: &str) -> String {
     let mut lines = lines.to_vec();
     line.clone_into(&mut lines[number]);
     lines.join("\n")
@@ -58,7 +58,7 @@ fn alter(record: &Value, path: &str) -> String {
     record.to_string()
 }
 
-fn assert_noticed(lines: &[String], number: usize, fields: &[&str], at_least: usize) {
+pub fn assert_noticed(lines: &[String], number: usize, fields: &[&str], at_least: usize) {
     let record: Value = serde_json::from_str(&lines[number]).unwrap();
     let paths = leaves(&record, fields);
     assert!(paths.len() >= at_least, "only {} numbers in {fields:?}", paths.len());
@@ -135,7 +135,7 @@ fn the_report_shows_the_first_difference_in_full() {
     );
 }
 
-fn damage(text: &str) -> String {
+pub fn damage(text: &str) -> String {
     let error = replay_text(text).expect_err("the trace is damaged");
     assert!(matches!(error, ReplayError::Damaged { .. }), "{error:?}");
     error.to_string().strip_prefix("trace, ").expect("the name of the trace comes first").to_owned()
