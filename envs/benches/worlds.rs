@@ -1,5 +1,5 @@
 //! Steps per second of the worlds on one core: random actions, resets included, all agents observed. Takes
-//! about two seconds.
+//! about four seconds.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +7,7 @@ use envs::{task, End};
 use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-const TASKS: [&str; 2] = ["lbf-8x8-2p-2f-coop", "lbf-15x15-4p-3f"];
+const TASKS: [&str; 4] = ["lbf-8x8-2p-2f-coop", "lbf-15x15-4p-3f", "rware-tiny-4ag", "rware-small-4ag"];
 /// Per task and measurement.
 const TIME: Duration = Duration::from_millis(300);
 /// Steps between two looks at the clock.
@@ -29,7 +29,9 @@ fn steps_per_second(name: &str, observing: bool) -> f64 {
     let mut rewards = vec![0.0; sizes.agents];
     let mut seen = vec![0.0; sizes.obs_size[0]];
     // Drawn beforehand: the world is measured, not the choice of actions.
-    let actions: Vec<u16> = (0..BATCH as usize * sizes.agents).map(|_| (rng.next_u32() % 6) as u16).collect();
+    let n_actions = sizes.n_actions[0] as u32;
+    let actions: Vec<u16> =
+        (0..BATCH as usize * sizes.agents).map(|_| (rng.next_u32() % n_actions) as u16).collect();
     world.reset(&mut rng);
     rate(|| {
         for actions in actions.chunks_exact(sizes.agents) {

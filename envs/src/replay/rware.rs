@@ -155,7 +155,7 @@ fn blocks(width: u16, height: u16) -> impl Iterator<Item = (u16, u16, u16)> {
     let room = height.saturating_sub(2);
     let heights = std::iter::once(8).chain(1..room);
     columns.into_iter().flat_map(move |columns| {
-        let whole = heights.clone().filter(move |high| room > 0 && room % (high + 1) == 0);
+        let whole = heights.clone().filter(move |high| room > 0 && room.is_multiple_of(high + 1));
         whole.map(move |high| (room / (high + 1), columns, high))
     })
 }

@@ -103,7 +103,7 @@ impl Config {
                 return Err(Impossible::Nothing { what });
             }
         }
-        if columns % 2 == 0 {
+        if columns.is_multiple_of(2) {
             return Err(Impossible::EvenColumns { found: columns });
         }
         let (width, height) = sides(rows, columns, high);

@@ -22,8 +22,8 @@ impl Layout {
         let middle = [width / 2 - 1, width / 2];
         let lane_top = height - (column_height + 2);
         let is_highway = |x: u16, y: u16| {
-            x % 3 == 0
-                || y % (column_height + 1) == 0
+            x.is_multiple_of(3)
+                || y.is_multiple_of(column_height + 1)
                 || y == height - 1
                 || (y >= lane_top && middle.contains(&x))
         };

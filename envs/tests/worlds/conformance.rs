@@ -4,7 +4,8 @@ use envs::{task, tasks, End, World};
 use rand::{Rng, RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-const EPISODES: usize = 200;
+/// Of random play, per task.
+const STEPS: u32 = 10_000;
 
 /// Everything that came out of one episode of random available actions.
 #[derive(Debug, PartialEq)]
@@ -72,7 +73,7 @@ fn random_episodes_of_every_task_end_by_the_limit_and_show_finite_numbers() {
         println!("{}", info.name);
         let mut world = task(info.name).unwrap().make();
         let (mut chance, mut policy) = generators(1);
-        for _ in 0..EPISODES {
+        for _ in 0..STEPS.div_ceil(info.sizes.episode_limit) {
             play(&mut *world, &mut chance, &mut policy);
         }
     }

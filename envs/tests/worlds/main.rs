@@ -7,3 +7,7 @@ mod golden;
 mod particles_traces;
 mod spoilt_traces;
 mod traces;
+mod uniform;
+mod warehouse_spoilt;
+mod warehouse_starts;
+mod warehouse_steps;

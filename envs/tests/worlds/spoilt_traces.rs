@@ -58,7 +58,7 @@ fn alter(record: &Value, path: &str) -> String {
     record.to_string()
 }
 
-fn assert_noticed(lines: &[String], number: usize, fields: &[&str], at_least: usize) {
+pub fn assert_noticed(lines: &[String], number: usize, fields: &[&str], at_least: usize) {
     let record: Value = serde_json::from_str(&lines[number]).unwrap();
     let paths = leaves(&record, fields);
     assert!(paths.len() >= at_least, "only {} numbers in {fields:?}", paths.len());
