@@ -4,6 +4,8 @@ mod conformance;
 mod foraging_starts;
 mod foraging_steps;
 mod golden;
+mod particles_starts;
+mod particles_steps;
 mod particles_traces;
 mod spoilt_traces;
 mod traces;
