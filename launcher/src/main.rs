@@ -13,6 +13,7 @@ mod roles;
 mod summary;
 mod sweep;
 mod train;
+mod train_opponent;
 
 use std::process::ExitCode;
 
@@ -50,6 +51,8 @@ enum Command {
     Compare(look::Compare),
     /// Measure training speed, in processes and in one process
     Bench(bench::Bench),
+    /// Train a frozen opponent for the particle worlds and write its weights
+    TrainOpponent(train_opponent::TrainOpponent),
     /// Work out an example from the paper
     Example(look::Example),
     /// List the tasks
@@ -80,6 +83,7 @@ fn main() -> ExitCode {
         Command::Plot(command) => command.run().map(done),
         Command::Compare(command) => command.run().map(done),
         Command::Bench(command) => command.run().map(done),
+        Command::TrainOpponent(command) => command.run().map(done),
         Command::Example(command) => command.run().map(done),
         Command::Tasks(command) => command.run().map(done),
         Command::Config(command) => command.run().map(done),

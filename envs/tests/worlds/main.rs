@@ -4,6 +4,7 @@ mod conformance;
 mod foraging_starts;
 mod foraging_steps;
 mod golden;
+mod particles_opponents;
 mod particles_starts;
 mod particles_steps;
 mod particles_traces;
