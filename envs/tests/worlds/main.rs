@@ -5,6 +5,7 @@ mod foraging_starts;
 mod foraging_steps;
 mod golden;
 mod particles_opponents;
+mod particles_padding;
 mod particles_starts;
 mod particles_steps;
 mod particles_traces;
