@@ -78,6 +78,9 @@ pub struct Dense<'a> {
 
 /// A frozen network of these three layers as the bytes of a safetensors file, with `provenance` as its metadata.
 /// Observations go in as they are. The same input gives the same bytes.
+///
+/// # Panics
+/// If a layer has no outputs.
 pub fn encode(layers: [Dense; 3], provenance: &BTreeMap<&str, String>) -> Vec<u8> {
     let inputs = layers[0].weight.len() / layers[0].bias.len();
     // The normalisation of inputs that changes nothing.
