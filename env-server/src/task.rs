@@ -27,8 +27,7 @@ pub fn task(config: &Config, run: &Path) -> Result<Task, Failure> {
     if opponent != Opponent::Builtin {
         task = task.with_opponent(&opponent).map_err(refused)?;
     }
-    let _ = pad;
-    Ok(task)
+    Ok(if *pad { task.padded() } else { task })
 }
 
 /// The opponent that `world.opponent` names; weights are read from the run's folder and compared with their digest,

@@ -15,6 +15,7 @@
 
 mod family;
 mod opponent;
+mod padded;
 mod task;
 mod world;
 

@@ -12,6 +12,7 @@ pub enum Opponent {
     Random,
     /// It never does anything.
     Still,
-    /// The bytes of a safetensors file with a frozen network.
+    /// The bytes of a safetensors file with a frozen network, of the form that [`crate::mpe::FrozenNetwork`]
+    /// describes. Its scores mean: nothing, +x, -x, +y, -y; the world translates.
     Weights(Arc<[u8]>),
 }

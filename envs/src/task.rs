@@ -3,6 +3,7 @@
 use std::fmt;
 
 use crate::family::{Family, Made, Refusal, Request, FAMILIES};
+use crate::padded::{needs_padding, Padded};
 use crate::{Opponent, Sizes, World};
 
 /// A kind of world with all of its numbers. Made by [`task`], so it can always be played.
@@ -12,6 +13,7 @@ pub struct Task {
     rules: &'static str,
     source: &'static str,
     opponent: Opponent,
+    padded: bool,
     /// A world that was never reset: `make` copies it.
     world: Box<dyn World>,
 }
@@ -80,7 +82,7 @@ impl Task {
             Refusal::Rules(found) => UnknownTask::NoSuchRules { name, found, known: family.rules.join(", ") },
             Refusal::Opponent(why) => UnknownTask::Opponent { name, why },
         })?;
-        Ok(Task { family, name, rules, source, opponent: request.opponent.clone(), world })
+        Ok(Task { family, name, rules, source, opponent: request.opponent.clone(), padded: false, world })
     }
 
     /// The canonical name: equal for all spellings of one task.
@@ -104,12 +106,33 @@ impl Task {
 
     /// The same task under another version of the rules.
     pub fn with_rules(&self, version: &str) -> Result<Task, UnknownTask> {
-        Task::made(&Request { name: &self.name, rules: Some(version), opponent: &self.opponent })
+        let request = Request { name: &self.name, rules: Some(version), opponent: &self.opponent };
+        Task::made(&request).map(|task| task.padded_if(self.padded))
     }
 
     /// The same task with somebody else in the role that the team does not control.
     pub fn with_opponent(&self, opponent: &Opponent) -> Result<Task, UnknownTask> {
-        Task::made(&Request { name: &self.name, rules: None, opponent })
+        let request = Request { name: &self.name, rules: None, opponent };
+        Task::made(&request).map(|task| task.padded_if(self.padded))
+    }
+
+    /// The same task, whose agents all see as many numbers and have as many actions as the one that has most:
+    /// zeros follow what an agent really sees, and the actions that it does not have are never available. A team
+    /// whose agents are alike anyway stays as it is.
+    pub fn padded(&self) -> Task {
+        self.clone().padded_if(true)
+    }
+
+    /// Whether there is padding.
+    pub fn is_padded(&self) -> bool {
+        self.padded
+    }
+
+    fn padded_if(self, wanted: bool) -> Task {
+        if !wanted || self.padded || !needs_padding(self.sizes()) {
+            return self;
+        }
+        Task { padded: true, world: Box::new(Padded::new(self.world)), ..self }
     }
 
     pub fn sizes(&self) -> &Sizes {

@@ -139,6 +139,7 @@ impl Experiment {
         config.log.interval = (config.test.interval / 5).max(1);
         config.world.copies = self.envs.unwrap_or(config.world.copies);
         let config = overridden(config, &self.settings)?;
+        let task = if config.world.pad { task.padded() } else { task };
         let config = with_transport(config, task);
         config.validate()?;
         Ok(config)

@@ -17,6 +17,7 @@ mod summary;
 mod sweep;
 mod team;
 mod train;
+mod train_opponent;
 
 use std::process::ExitCode;
 
@@ -58,6 +59,8 @@ enum Command {
     Compare(look::Compare),
     /// Measure training speed, in processes and in one process
     Bench(bench::Bench),
+    /// Train a frozen opponent for the particle worlds and write its weights
+    TrainOpponent(train_opponent::TrainOpponent),
     /// Work out an example from the paper
     Example(look::Example),
     /// List the tasks, or explain one
@@ -92,6 +95,7 @@ fn main() -> ExitCode {
         Command::Plot(command) => command.run().map(done),
         Command::Compare(command) => command.run().map(done),
         Command::Bench(command) => command.run().map(done),
+        Command::TrainOpponent(command) => command.run().map(done),
         Command::Example(command) => command.run().map(done),
         Command::Tasks(command) => command.run().map(done),
         Command::Presets(command) => command.run().map(done),

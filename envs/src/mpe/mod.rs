@@ -8,6 +8,7 @@ mod name;
 mod network;
 mod particles;
 pub(crate) mod physics;
+mod role;
 mod rules;
 mod scene;
 mod state;
@@ -18,6 +19,7 @@ pub use game::Game;
 pub(crate) use game::{Body, Layout, PUSH};
 pub use network::{FrozenNetwork, NetworkError};
 pub use particles::Particles;
+pub use role::{encode, Dense, Role};
 pub use rules::Rules;
 pub use state::{Agent, State, StateError};
 pub use team::{OpponentError, Team};
@@ -33,7 +35,7 @@ pub(crate) static FAMILY: Family = Family {
             opponent, who does not know it, is led away. In Tag three slow predators chase a fast prey, the opponent, \
             between two obstacles, and each is rewarded with 10 for every predator that touches it. Agents see the \
             others relative to themselves and choose between nothing and four directions; the speaker chooses a word.",
-    tasks: &["mpe-simple-speaker-listener"],
+    tasks: &["mpe-simple-speaker-listener", "mpe-simple-adversary", "mpe-simple-tag"],
     form: name::FORM,
     rules: &["current", "epymarl", "2021"],
     paper_rules: "2021",

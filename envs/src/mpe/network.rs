@@ -18,7 +18,7 @@ use super::game::MOVES;
 pub(super) const EPSILON: f64 = 1e-5;
 
 /// What the file of a frozen network must hold; other tensors have no meaning.
-const TENSORS: [&str; 10] = [
+pub(super) const TENSORS: [&str; 10] = [
     "in_fn.weight",
     "in_fn.bias",
     "in_fn.running_mean",

@@ -3,7 +3,7 @@
 use rand::RngCore;
 
 use super::game::{MAX_AGENTS, MAX_OBS, MOVES};
-use super::{FrozenNetwork, NetworkError, Particles};
+use super::{FrozenNetwork, NetworkError, Particles, Role};
 use crate::draw::below;
 use crate::scene::Scene;
 use crate::{End, Opponent, Sizes, World};
@@ -30,27 +30,22 @@ enum Policy {
 pub enum OpponentError {
     #[error("this game has no opponent to choose")]
     NoOpponent,
-    #[error(
-        "no opponent is built in for this game: give the weights of one, or take one that is random or still"
-    )]
-    NoBuiltin,
     #[error("the opponent's weights: {0}")]
     Weights(#[from] NetworkError),
 }
 
 impl Team {
     pub fn new(particles: Particles, opponent: &Opponent) -> Result<Team, OpponentError> {
-        let layout = particles.game.layout();
-        let policy = match (layout.opponent, opponent) {
+        let role = Role::ALL.into_iter().find(|role| role.game() == particles.game);
+        let policy = match (role, opponent) {
             (None, Opponent::Builtin) => Policy::Nobody,
             (None, _) => return Err(OpponentError::NoOpponent),
             (Some(_), Opponent::Random) => Policy::Random,
             (Some(_), Opponent::Still) => Policy::Still,
-            (Some(_), Opponent::Builtin) => return Err(OpponentError::NoBuiltin),
-            (Some(role), Opponent::Weights(bytes)) => {
-                Policy::Network(FrozenNetwork::parse(bytes, layout.agents[role].obs_size)?)
-            }
+            (Some(role), Opponent::Builtin) => network(role, role.builtin())?,
+            (Some(role), Opponent::Weights(bytes)) => network(role, bytes)?,
         };
+        let layout = particles.game.layout();
         let team = &layout.agents[layout.team.clone()];
         let sizes = Sizes {
             agents: team.len(),
@@ -74,6 +69,10 @@ impl Team {
             Policy::Still | Policy::Nobody => 0,
         }
     }
+}
+
+fn network(role: Role, bytes: &[u8]) -> Result<Policy, NetworkError> {
+    FrozenNetwork::parse(bytes, role.obs_size()).map(Policy::Network)
 }
 
 impl World for Team {

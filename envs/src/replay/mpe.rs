@@ -7,7 +7,7 @@ use std::io::BufRead;
 
 use serde::Deserialize;
 
-use super::lbf::{check_length, check_same, Damage, Progress};
+use super::episode::{check_length, check_same, Damage, Progress};
 use super::record::{EpymarlHeader, Kind};
 use super::{Findings, Lines, ReplayError, Report};
 use crate::mpe::{physics, Body, Game, Layout, Particles, Rules, State, PUSH};

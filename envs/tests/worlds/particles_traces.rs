@@ -72,13 +72,14 @@ fn every_altered_number_of_a_record_is_noticed() {
     let fields =
         ["episode", "t", "rewards", "obs", "terminated", "truncated", "avail_actions", "epymarl", "state"];
     for (task, numbers) in TASKS {
-        let lines = excerpt(task);
+        // The first episode suffices, and the whole excerpt takes long.
+        let lines = &excerpt(task)[..27];
         for number in [6, 26] {
-            assert_noticed(&lines, number, &fields, numbers + 20);
+            assert_noticed(lines, number, &fields, numbers + 20);
         }
-        assert_noticed(&lines, 1, &["episode", "state", "obs", "avail_actions"], numbers + 10);
+        assert_noticed(lines, 1, &["episode", "state", "obs", "avail_actions"], numbers + 10);
         assert_noticed(
-            &lines,
+            lines,
             0,
             &["format_version", "n_agents", "n_actions", "obs_sizes", "params", "epymarl"],
             30,
