@@ -10,7 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use algos::network::Kind;
-use algos::ppo::{Config, Ppo};
+use algos::ppo::{Choice, Config, Ppo};
 use algos::returns::EndOfBatch;
 use algos::reward_stats::Standardisation;
 use algos::rollout::{End, Rollout};
@@ -260,7 +260,14 @@ impl Seat {
     /// Chooses an action in every copy.
     fn act(&mut self) {
         let copies: [u16; COPIES] = std::array::from_fn(|copy| copy as u16);
-        self.learner.act(&copies, &self.obs, &self.avail, &mut self.chance, &mut self.actions);
+        self.learner.act(
+            &copies,
+            &self.obs,
+            &self.avail,
+            Choice::Sample,
+            &mut self.chance,
+            &mut self.actions,
+        );
         for (copy, &action) in self.actions.iter().enumerate() {
             self.rollout.act(copy, action);
         }
