@@ -47,6 +47,7 @@ struct Report {
     seconds: Seconds,
     ignored_messages: u64,
     peak_memory_bytes: Option<u64>,
+    cpu_seconds: Option<f64>,
     traffic: Vec<(String, u64, u64)>,
 }
 
@@ -184,6 +185,7 @@ impl<'a> Agent<'a> {
             seconds: self.seconds,
             ignored_messages: self.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),
+            cpu_seconds: process::cpu_seconds(),
             traffic: self.role.traffic(),
         })?;
         Ok(left)

@@ -157,6 +157,10 @@ pub struct Report {
     pub seconds: Seconds,
     pub ignored_messages: u64,
     pub peak_memory_bytes: Option<u64>,
+    pub cpu_seconds: Option<f64>,
+    /// When the first environment step was made, in seconds since 1970: a launcher tells from it how long the start
+    /// took.
+    pub first_step_at: Option<f64>,
     pub traffic: Vec<(String, u64, u64)>,
 }
 

@@ -1,7 +1,7 @@
 //! One round: episodes in all copies, in lock-step with the agents, tick by tick.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use bus::{Event, Publisher};
 use process::{Failure, Ignored};
@@ -48,6 +48,8 @@ pub struct Team<'a> {
     pub stop: bool,
     pub seconds: Seconds,
     pub ticks: u64,
+    /// In seconds since 1970; for the report alone.
+    pub first_step_at: Option<f64>,
     pub ignored: Ignored,
     messages: Vec<Vec<u8>>,
     answers: Vec<Vec<u16>>,
@@ -77,6 +79,7 @@ impl<'a> Team<'a> {
             stop: false,
             seconds: Seconds::default(),
             ticks: 0,
+            first_step_at: None,
             ignored: Ignored::default(),
             messages: vec![Vec::new(); agents],
             answers: vec![Vec::new(); agents],
@@ -124,6 +127,10 @@ impl<'a> Team<'a> {
                 return Ok(());
             }
             let start = Instant::now();
+            if self.first_step_at.is_none() {
+                self.first_step_at =
+                    SystemTime::now().duration_since(UNIX_EPOCH).ok().map(|t| t.as_secs_f64());
+            }
             copies.step(&self.answers);
             self.seconds.world += start.elapsed().as_secs_f64();
             id.tick += 1;

@@ -286,6 +286,8 @@ impl Server<'_> {
             seconds: self.team.seconds,
             ignored_messages: self.team.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),
+            cpu_seconds: process::cpu_seconds(),
+            first_step_at: self.team.first_step_at,
             traffic: role.traffic(),
         })?;
         Ok(())

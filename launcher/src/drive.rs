@@ -2,7 +2,7 @@
 
 use std::path::Path;
 use std::sync::mpsc::{channel, Receiver, RecvTimeoutError, Sender};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use process::Failure;
 use proto::config::Config;
@@ -47,7 +47,7 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     let _held = one_at_a_time::hold(folder.path())?;
     let (sender, news) = channel();
     watch_signals(sender.clone())?;
-    let start = Instant::now();
+    let start = SystemTime::now();
     let mut display = Display::new(config, options.show);
     let mut roles: Box<dyn Roles> = match options.place {
         Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, &sender)?),
@@ -61,7 +61,7 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     display.finish();
     drop(roles);
     let ended = outcome?;
-    let summary = summary::collect(folder, config, start.elapsed())?;
+    let summary = summary::collect(folder, config, start)?;
     folder.write_result(&summary)?;
     Ok((ended, summary))
 }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::time::Duration;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use process::Failure;
 use proto::config::Config;
@@ -26,6 +26,8 @@ pub struct Summary {
     pub best_test_return_mean: Option<f64>,
     /// Of this process; a resumed run counts from the resume.
     pub wall_seconds: f64,
+    /// From the launcher's start to the first environment step.
+    pub start_seconds: f64,
     /// Training steps per second between the first tick and the last, tests not counted.
     pub env_steps_per_second: f64,
     pub digest: Option<String>,
@@ -37,11 +39,11 @@ pub struct Summary {
     pub folder: String,
 }
 
-/// Reads what the roles have left in the run folder.
+/// Reads what the roles of a run that was begun at `start` have left in its folder.
 ///
 /// # Errors
 /// If the env-server's result cannot be read.
-pub fn collect(folder: &RunFolder, config: &Config, wall: Duration) -> Result<Summary, Failure> {
+pub fn collect(folder: &RunFolder, config: &Config, start: SystemTime) -> Result<Summary, Failure> {
     let mut roles = BTreeMap::new();
     let mut bytes_by_key = BTreeMap::new();
     for role in folder.roles()? {
@@ -71,7 +73,10 @@ pub fn collect(folder: &RunFolder, config: &Config, wall: Duration) -> Result<Su
         update_calls: roles.get("agent-0").and_then(|role| role["update_calls"].as_u64()).unwrap_or(0),
         test_return_mean: world["test_return_mean"].as_f64(),
         best_test_return_mean: world["best_test_return_mean"].as_f64(),
-        wall_seconds: wall.as_secs_f64(),
+        wall_seconds: start.elapsed().unwrap_or_default().as_secs_f64(),
+        start_seconds: world["first_step_at"]
+            .as_f64()
+            .map_or(0.0, |at| at - start.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()),
         env_steps_per_second: 0.0,
         digest: store::digest(folder).ok().map(|digest| digest.digest),
         bytes_by_key,

@@ -1,0 +1,339 @@
+//! `rondo bench`: how fast teams train here, in processes and in one process, and where the time goes.
+//!
+//! Every line is a real run with the paper's settings, its test reduced to one episode. The table quotes medians
+//! over the runs; steps per second are those of the env-server between its first and last tick. Because machines
+//! differ and are shared, each speed stands beside its share of the arithmetic limit measured in the same call.
+
+mod arithmetic;
+mod cases;
+mod compare;
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use nix::sched::{sched_setaffinity, CpuSet};
+use nix::unistd::Pid;
+use process::Failure;
+use proto::exit;
+use serde::{Deserialize, Serialize};
+use store::RunFolder;
+
+use crate::display::Show;
+use crate::drive::{drive, Options, Place};
+use crate::experiment::{unknown, Experiment};
+use crate::roles::{Ended, Transport};
+use crate::summary::Summary;
+use arithmetic::{flops_per_env_step, peak_flops};
+use cases::{Case, Suite, Where, SUITES};
+
+/// Runs before the measured ones: caches, and the processor's clock.
+const WARM_UP: u64 = 1;
+
+/// Measure training speed
+#[derive(Debug, Clone, clap::Args)]
+#[command(after_help = suites())]
+pub struct Bench {
+    /// Which cases to measure; `all` for all of them
+    #[arg(long, default_value = "lbf")]
+    suite: String,
+    /// Runs of each case; the table gives medians
+    #[arg(long, default_value_t = 5)]
+    runs: u32,
+    /// Environment steps of each run instead of those of the suite
+    #[arg(long)]
+    steps: Option<u64>,
+    /// Only cases in this place: processes or in-process
+    #[arg(long, value_name = "PLACE")]
+    only: Option<String>,
+    /// Write everything measured into this file as JSON
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    /// Print ratios to the cases of an earlier `--json` file
+    #[arg(long, value_name = "FILE")]
+    compare: Option<PathBuf>,
+}
+
+fn suites() -> String {
+    let line = |suite: &Suite| format!("  {:8} {}\n", suite.name, suite.about);
+    format!("Suites:\n{}", SUITES.iter().map(line).collect::<String>())
+}
+
+/// Everything that a call has measured.
+#[derive(Debug, Serialize, Deserialize)]
+struct Report {
+    rondo_version: String,
+    machine: Machine,
+    cases: Vec<Measured>,
+}
+
+/// One case, medians over its runs.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Measured {
+    task: String,
+    algo: String,
+    copies: u32,
+    place: String,
+    env_steps_per_second: Spread,
+    /// Floating-point operations per second in the products of the algorithm, over the peak of all cores.
+    share_of_limit: f64,
+    ticks_per_second: f64,
+    /// Shares of the run's time: update calls (with what the agents do meanwhile), forward passes and sampling,
+    /// the rest of a tick (bus and waiting), building and reading messages, worlds, checkpoints and rows.
+    update: f64,
+    inference: f64,
+    bus: f64,
+    messages: f64,
+    world: f64,
+    disk: f64,
+    bytes_per_tick: f64,
+    /// Processor time of all roles for an environment step, from their start to their end, in microseconds.
+    cpu_us_per_env_step: Option<f64>,
+    /// From the start of the launcher's work to the first environment step.
+    start_seconds: f64,
+    agent_memory_mb: Option<f64>,
+    env_server_memory_mb: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Spread {
+    min: f64,
+    median: f64,
+    max: f64,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct Machine {
+    processor: String,
+    cores: usize,
+    sgemm_gflops_one_core: f64,
+    sgemm_gflops_all_cores: f64,
+}
+
+impl Bench {
+    pub fn run(&self) -> Result<(), Failure> {
+        let cases = self.cases()?;
+        // Before minutes of measuring.
+        let before = self.compare.as_deref().map(compare::read).transpose()?;
+        if self.runs == 0 || self.steps == Some(0) {
+            return Err(Failure::new(exit::USAGE, "`--runs` and `--steps` are counted from 1"));
+        }
+        let machine = Machine::here();
+        println!(
+            "{}, {} cores, sgemm {:.0} GFLOP/s on one core, {:.0} on all",
+            machine.processor, machine.cores, machine.sgemm_gflops_one_core, machine.sgemm_gflops_all_cores
+        );
+        println!("{} runs of each case after one to warm up; medians (min – max)\n", self.runs);
+        println!("{HEAD}");
+        let mut report =
+            Report { rondo_version: env!("CARGO_PKG_VERSION").to_owned(), machine, cases: vec![] };
+        for (case, place) in cases {
+            let measured = self.measure(&case, place, &report.machine)?;
+            println!("{measured}");
+            report.cases.push(measured);
+        }
+        if let Some(path) = &self.json {
+            let text = serde_json::to_string_pretty(&report).map_err(|e| Failure::new(exit::BUG, e))?;
+            std::fs::write(path, text + "\n")
+                .map_err(|e| Failure::new(exit::IO, format!("cannot write {}: {e}", path.display())))?;
+        }
+        if let Some(before) = before {
+            print!("\n{}", compare::ratios(&before, &report));
+        }
+        Ok(())
+    }
+
+    fn cases(&self) -> Result<Vec<(Case, Where)>, Failure> {
+        let mut names: Vec<&str> = SUITES.iter().map(|suite| suite.name).collect();
+        names.push("all");
+        if !names.contains(&self.suite.as_str()) {
+            return Err(unknown(&self.suite, "suite", &names));
+        }
+        let places = [Where::Processes, Where::InProcess].map(Where::as_str);
+        if let Some(only) = self.only.as_deref().filter(|only| !places.contains(only)) {
+            return Err(unknown(only, "place", &places));
+        }
+        let chosen = SUITES.iter().filter(|suite| self.suite == "all" || suite.name == self.suite);
+        let cases = chosen.flat_map(|suite| suite.cases);
+        let lines = cases.flat_map(|case| case.places.iter().map(|&place| (*case, place)));
+        Ok(lines
+            .filter(|(_, place)| self.only.as_deref().is_none_or(|only| place.as_str() == only))
+            .collect())
+    }
+
+    fn measure(&self, case: &Case, place: Where, machine: &Machine) -> Result<Measured, Failure> {
+        let steps = self.steps.unwrap_or(case.steps);
+        let experiment = Experiment {
+            t_max: Some(steps),
+            envs: Some(case.copies),
+            test_interval: Some(steps),
+            test_episodes: Some(1),
+            ..Experiment::of(case.task, case.algo)
+        };
+        let config = experiment.configure("bench")?;
+        let task = envs::task(&config.world.task).map_err(|e| Failure::new(exit::CONFIG, e))?;
+        let flops = flops_per_env_step(&config, task.sizes());
+        let mut runs = Vec::new();
+        for seed in 1..=WARM_UP + u64::from(self.runs) {
+            let experiment = Experiment { seed, ..experiment.clone() };
+            let summaries = match place {
+                Where::Processes => vec![one(&experiment, Place::Processes(Transport::Unix))?],
+                Where::InProcess => vec![one(&experiment, Place::InProcess)?],
+                Where::PairInProcess => pair(&experiment)?,
+            };
+            if seed > WARM_UP {
+                runs.push(summaries);
+            }
+        }
+        let together = |runs: &Vec<Summary>| runs.iter().map(|run| run.env_steps_per_second).sum();
+        let speed = spread(runs.iter().map(together).collect());
+        let firsts: Vec<&Summary> = runs.iter().map(|runs| &runs[0]).collect();
+        let of = |f: &dyn Fn(&Summary) -> f64| spread(firsts.iter().map(|run| f(run)).collect()).median;
+        let world = |name: &'static str| of(&|run| run.seconds("world", name) / run.training_seconds());
+        let inference = of(&|run| {
+            let agents = run.roles.keys().filter(|role| role.starts_with("agent"));
+            agents.map(|agent| run.seconds(agent, "inference")).fold(0.0, f64::max) / run.training_seconds()
+        });
+        let memory = |role: &'static str| {
+            let of_role = |run: &&Summary| run.roles[role]["peak_memory_bytes"].as_f64();
+            let known: Option<Vec<f64>> = firsts.iter().map(of_role).collect();
+            known.map(|bytes| spread(bytes).median / 1e6).filter(|_| place == Where::Processes)
+        };
+        let ticks = |run: &Summary| run.roles["world"]["ticks"].as_f64().unwrap_or(f64::NAN);
+        Ok(Measured {
+            task: case.task.to_owned(),
+            algo: case.algo.to_owned(),
+            copies: case.copies,
+            place: place.as_str().to_owned(),
+            env_steps_per_second: speed,
+            share_of_limit: speed.median * flops / (1e9 * machine.sgemm_gflops_all_cores),
+            ticks_per_second: of(&|run| ticks(run) / run.training_seconds()),
+            update: world("updates"),
+            inference,
+            bus: (world("actions") - inference).max(0.0),
+            messages: world("messages"),
+            world: world("world"),
+            disk: world("disk"),
+            bytes_per_tick: of(&|run| {
+                let of_ticks = run.bytes_by_key.iter();
+                let of_ticks = of_ticks.filter(|(key, _)| key.ends_with("/observe") || key.ends_with("/act"));
+                of_ticks.map(|(_, &bytes)| bytes as f64).sum::<f64>() / ticks(run)
+            }),
+            cpu_us_per_env_step: (place == Where::Processes).then(|| {
+                of(&|run| {
+                    let seconds =
+                        run.roles.values().filter_map(|role| role["cpu_seconds"].as_f64()).sum::<f64>();
+                    1e6 * seconds / run.t_env as f64
+                })
+            }),
+            start_seconds: of(&|run| run.start_seconds),
+            agent_memory_mb: memory("agent-0"),
+            env_server_memory_mb: memory("world"),
+        })
+    }
+}
+
+/// One run in a folder of its own.
+fn one(experiment: &Experiment, place: Place) -> Result<Summary, Failure> {
+    let config = experiment.configure("bench")?;
+    let place_of_run = tempfile::tempdir()
+        .map_err(|e| Failure::new(exit::IO, format!("cannot make a folder for the run: {e}")))?;
+    let folder = RunFolder::create(place_of_run.path().join("run"), &config.to_toml())?;
+    let options = Options { place, wait: Duration::from_secs(60), show: Show::Nothing };
+    let (ended, summary) = drive(&folder, &config, options)?;
+    if ended == Ended::Stopped {
+        return Err(Failure::new(exit::AGAIN, "the measurement was stopped"));
+    }
+    Ok(summary)
+}
+
+/// Two runs at once, seeds apart, each on one core.
+fn pair(experiment: &Experiment) -> Result<Vec<Summary>, Failure> {
+    std::thread::scope(|scope| {
+        let run = |core: usize| {
+            let experiment = Experiment { seed: 1000 * core as u64 + experiment.seed, ..experiment.clone() };
+            scope.spawn(move || {
+                // The threads of the roles inherit it.
+                stay_on(core)?;
+                one(&experiment, Place::InProcess)
+            })
+        };
+        let runs = [run(0), run(1)];
+        runs.into_iter().map(|run| run.join().expect("a run reports failures as such")).collect()
+    })
+}
+
+fn stay_on(core: usize) -> Result<(), Failure> {
+    let mut cores = CpuSet::new();
+    let set = cores.set(core).and_then(|()| sched_setaffinity(Pid::from_raw(0), &cores));
+    set.map_err(|e| Failure::new(exit::USAGE, format!("cannot keep a run on core {core}: {e}")))
+}
+
+fn spread(mut values: Vec<f64>) -> Spread {
+    values.sort_by(f64::total_cmp);
+    let middle = values.len() / 2;
+    let median =
+        if values.len() % 2 == 1 { values[middle] } else { (values[middle - 1] + values[middle]) / 2.0 };
+    Spread { min: values[0], median, max: values[values.len() - 1] }
+}
+
+impl Machine {
+    fn here() -> Machine {
+        let cpu = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+        let name = cpu.lines().find_map(|line| line.strip_prefix("model name"));
+        let name = name.and_then(|rest| rest.split_once(": "));
+        let cores = std::thread::available_parallelism().map_or(1, usize::from);
+        let (one, all) = peak_flops(cores);
+        Machine {
+            processor: name.map_or("unknown processor", |(_, name)| name).to_owned(),
+            cores,
+            sgemm_gflops_one_core: one / 1e9,
+            sgemm_gflops_all_cores: all / 1e9,
+        }
+    }
+}
+
+/// Above the lines of [`Measured`].
+const HEAD: &str = "\
+task                         algo   copies place                         env steps/s  limit  ticks/s update infer.   bus \
+messag. world  disk  B/tick CPU us/step start s MB/agent MB/server";
+
+impl std::fmt::Display for Measured {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let steps = self.env_steps_per_second;
+        let memory = |mb: Option<f64>| mb.map_or("–".to_owned(), |mb| format!("{mb:.0}"));
+        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        write!(
+            f,
+            "{:<28} {:<6} {:>6} {:<12} {:>28} {:>6} {:>8.0} {:>6} {:>6} {:>5} {:>7} {:>5} {:>5} {:>7.0} {:>11} {:>7.2} {:>8} {:>9}",
+            self.task,
+            self.algo,
+            self.copies,
+            self.place,
+            format!("{:.0} ({:.0} – {:.0})", steps.median, steps.min, steps.max),
+            percent(self.share_of_limit),
+            self.ticks_per_second,
+            percent(self.update),
+            percent(self.inference),
+            percent(self.bus),
+            percent(self.messages),
+            percent(self.world),
+            percent(self.disk),
+            self.bytes_per_tick,
+            self.cpu_us_per_env_step.map_or("–".to_owned(), |us| format!("{us:.1}")),
+            self.start_seconds,
+            memory(self.agent_memory_mb),
+            memory(self.env_server_memory_mb)
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_of_an_even_number_of_runs_lies_between_the_middle_two() {
+        let Spread { min, median, max } = spread(vec![4.0, 1.0, 2.0, 9.0]);
+        assert_eq!((min, median, max), (1.0, 3.0, 9.0));
+    }
+}
