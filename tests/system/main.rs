@@ -5,6 +5,7 @@
 
 mod cluster;
 
+mod bad_choices;
 mod bad_input;
 mod determinism;
 mod faults;
