@@ -13,6 +13,7 @@ mod full_disk;
 mod hosts;
 mod isolation;
 mod learning;
+mod opponents;
 mod resume;
 mod seeds;
 mod strangers;
