@@ -14,6 +14,8 @@ mod hosts;
 mod isolation;
 mod learning;
 mod opponents;
+mod q_learning;
+mod replay;
 mod resume;
 mod seeds;
 mod strangers;
