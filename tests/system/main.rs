@@ -14,6 +14,7 @@ mod hosts;
 mod isolation;
 mod learning;
 mod opponents;
+mod playing;
 mod q_learning;
 mod replay;
 mod resume;
