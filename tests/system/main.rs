@@ -20,3 +20,4 @@ mod replay;
 mod resume;
 mod seeds;
 mod strangers;
+mod worlds;
