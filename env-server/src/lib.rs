@@ -38,7 +38,10 @@ pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || {
         let role = arguments.common.open("world", arguments.listen.clone(), vec![])?;
         if let Some(file) = &arguments.opponent {
-            role.folder.keep_in_run(OPPONENT_FILE, &read(file)?)?;
+            let bytes = read(file)?;
+            // A wrong one must not take the place of the one that is there.
+            task::check_opponent(&role.config.world.opponent, &bytes, file)?;
+            role.folder.keep_in_run(OPPONENT_FILE, &bytes)?;
         }
         run(role)
     };

@@ -48,13 +48,22 @@ fn opponent(named: &str, run: &Path) -> Result<Opponent, Failure> {
         );
         Failure::new(exit::IO, text)
     })?;
-    let found = store::digest_of(&bytes);
-    if found != named {
-        let text = format!(
-            "{} is not the opponent of this run: `world.opponent` is {named}, the file has the digest {found}",
-            path.display()
-        );
-        return Err(Failure::new(exit::CONFIG, text));
-    }
+    check_opponent(named, &bytes, &path)?;
     Ok(Opponent::Weights(Arc::from(bytes)))
+}
+
+/// Whether a file holds the opponent of this run, which `world.opponent` calls `named`.
+///
+/// # Errors
+/// If it holds another, or the run's opponent does not come in a file.
+pub fn check_opponent(named: &str, bytes: &[u8], file: &Path) -> Result<(), Failure> {
+    let found = store::digest_of(bytes);
+    if found == named {
+        return Ok(());
+    }
+    let text = format!(
+        "{} is not the opponent of this run: `world.opponent` is {named}, the file has the digest {found}",
+        file.display()
+    );
+    Err(Failure::new(exit::CONFIG, text))
 }

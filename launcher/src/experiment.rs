@@ -226,12 +226,14 @@ fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure> {
         let (key, value) = setting.split_once('=').ok_or_else(|| bad("there is no `=`"))?;
         let value = format!("x = {value}").parse::<toml::Table>().ok().and_then(|mut t| t.remove("x"));
         let value = value.unwrap_or_else(|| toml::Value::String(setting[key.len() + 1..].to_owned()));
-        if let Some(section) = ["ppo", "q"].into_iter().find(|s| key.starts_with(&format!("{s}."))) {
-            if !table.contains_key(section) {
-                let name = config.algo.name;
-                return Err(bad(&format!(
-                    "`{name}` has no section `{section}`, which is of other algorithms"
-                )));
+        // Else a whole section would be made of this one key, and its others would be missing.
+        for (section, other) in [("ppo", "q"), ("q", "ppo")] {
+            if key.starts_with(&format!("{section}.")) && !table.contains_key(section) {
+                let text = format!(
+                    "`--set {setting}`: `{section}` has no meaning for `{}`, whose own keys are in `{other}`",
+                    config.algo.name
+                );
+                return Err(Failure::new(exit::CONFIG, text));
             }
         }
         let mut place = &mut table;

@@ -11,7 +11,7 @@ const NOTHING: [&str; 0] = [];
 
 /// `rondo` with these words, in a folder of its own that must be as empty afterwards as before.
 #[track_caller]
-fn refused(words: &[&str]) -> Ended {
+pub fn refused(words: &[&str]) -> Ended {
     let cluster = Cluster::new();
     let mut command = rondo();
     command.args(words).current_dir(cluster.path(""));
@@ -28,7 +28,7 @@ fn unknown_names_are_answered_with_the_nearest_known_one() {
         .fails_with(78, &["error: there is no task `lfb-8x8-2p-2f`", "`lbf-8x8-2p-2f"]);
     refused(&["train", "--algo=mtpo"]).fails_with(
         78,
-        &["error: unknown algorithm `mtpo`: expected ippo, mtppo, sppo; did you mean `mtppo`?"],
+        &["error: unknown algorithm `mtpo`: expected ippo, mtppo, sppo, iql, mtql, sql; did you mean `mtppo`?"],
     );
     refused(&["train", "--profile=epymarll"])
         .fails_with(78, &["unknown profile `epymarll`", "did you mean `epymarl`?"]);

@@ -1,11 +1,19 @@
 //! What the schedule does to learning, by the weights that whole runs come to (spec §6).
 
-use crate::cluster::{experiment, Cluster};
+use std::fs;
 
-/// Digests of each agent's weights after a run in threads, with the last of these words added.
+use crate::cluster::{experiment, Cluster};
+use crate::q_learning::{foraging_with, speaking_with};
+
+/// Digests of each agent's weights after a run of PPO in threads, with these words added.
 fn weights(words: &[&str]) -> [String; 2] {
+    weights_after(experiment(3, 4_000), words)
+}
+
+/// Digests of each agent's weights after a run in threads.
+fn weights_after(experiment: Vec<String>, words: &[&str]) -> [String; 2] {
     let cluster = Cluster::new();
-    cluster.train("run", experiment(3, 4_000), words.iter().copied().chain(["--in-process"])).succeeds();
+    cluster.train("run", experiment, words.iter().copied().chain(["--in-process"])).succeeds();
     let digest: serde_json::Value = serde_json::from_str(&cluster.digest("run")).expect("a digest is JSON");
     [0, 1].map(|agent| digest["agents"][agent].as_str().expect("a digest for each agent").to_owned())
 }
@@ -31,4 +39,55 @@ fn in_sequential_ppo_only_the_agent_whose_turn_it_is_learns() {
     // Where turns are taken, agent 1 learns too.
     let in_turns = weights(&["--algo=sppo", "--lr-fast=0.001"]);
     assert_ne!(in_turns[1], quickly[1]);
+}
+
+#[test]
+fn with_equal_rates_the_period_does_not_matter_and_it_is_independent_q_learning() {
+    let independently = |rate: &str| weights_after(foraging_with("iql"), &[&format!("--lr-fast={rate}")]);
+    let independent = independently("0.001");
+    for period in ["1", "7", "inf"] {
+        let period = format!("--set=schedule.switch_period={period}");
+        let equal = ["--lr-fast=0.001", "--lr-slow=0.001", &period];
+        assert_eq!(weights_after(foraging_with("mtql"), &equal), independent, "{period}");
+    }
+    assert_ne!(independently("0.0005"), independent);
+}
+
+#[test]
+fn in_sequential_q_learning_an_agent_that_never_has_its_turn_keeps_its_first_weights() {
+    let weights = |words: &[&str]| weights_after(foraging_with("sql"), words);
+    // A single episode, of which nothing is learned yet.
+    let untrained = weights(&["--set=t_max=1"]);
+    let one_learns = weights(&["--set=schedule.switch_period=inf"]);
+    assert_ne!(one_learns[0], untrained[0]);
+    assert_eq!(one_learns[1], untrained[1]);
+    // Where turns are taken, agent 1 learns too, and agent 0 stands still meanwhile.
+    let in_turns = weights(&[]);
+    assert_ne!(in_turns[1], untrained[1]);
+    assert_ne!(in_turns[0], one_learns[0]);
+}
+
+#[test]
+fn in_sequential_q_learning_everything_of_an_agent_stands_still_for_as_long_as_others_learn() {
+    let cluster = Cluster::new();
+    // Every episode has 25 steps. The fourth makes the first update call, so 18 episodes make 15, of which
+    // those from number 10 on are agent 1's; the checkpoints after 16 and 18 episodes fall into its turn.
+    let words = [
+        "--set=t_max=450",
+        "--set=schedule.switch_period=10",
+        "--set=save.interval=4",
+        "--set=algo.frozen_moments=hold",
+        "--set=algo.target_update=1000",
+        "--in-process",
+    ];
+    cluster.train("run", speaking_with("sql"), words).succeeds();
+    let run = cluster.run("run");
+    let saved = |role: &str| {
+        assert_eq!(run.checkpoints(role), [16, 18], "{role}");
+        [16, 18]
+            .map(|round| fs::read(run.checkpoint(role, round).join("weights.safetensors")).expect("weights"))
+    };
+    let ([stood, still], [was, learned]) = (saved("agent-0"), saved("agent-1"));
+    assert!(stood == still, "agent 0 has no turn between the two");
+    assert!(was != learned, "agent 1 has");
 }

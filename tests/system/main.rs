@@ -5,6 +5,7 @@
 
 mod cluster;
 
+mod bad_choices;
 mod bad_input;
 mod determinism;
 mod faults;
@@ -12,6 +13,11 @@ mod full_disk;
 mod hosts;
 mod isolation;
 mod learning;
+mod opponents;
+mod playing;
+mod q_learning;
+mod replay;
 mod resume;
 mod seeds;
 mod strangers;
+mod worlds;

@@ -1,0 +1,123 @@
+//! Q-learning as whole runs: one result whatever runs it, and an update call for every episode (spec §5.1).
+
+use std::fs;
+use std::sync::OnceLock;
+
+use crate::cluster::Cluster;
+
+const NOTHING: [&str; 0] = [];
+
+/// Episodes in a minibatch of [`experiment`]: with fewer remembered nothing is learned.
+pub const BATCH: u64 = 4;
+
+/// Episodes that an agent remembers in [`experiment`], a fraction of those that it plays.
+pub const BUFFER: u64 = 16;
+
+/// Rounds between two checkpoints in [`experiment`].
+pub const SAVE_INTERVAL: u64 = 5;
+
+/// A run of two agents in which chance soon leaves the choice to the networks, targets are copied and turns
+/// taken several times.
+fn experiment(task: &str, algo: &str, t_max: u64) -> Vec<String> {
+    let words = [
+        task.to_owned(),
+        format!("--algo={algo}"),
+        "--seed=1".to_owned(),
+        format!("--t-max={t_max}"),
+        "--switch-period=7".to_owned(),
+        "--test-interval=900".to_owned(),
+        "--test-episodes=10".to_owned(),
+        "--set=algo.hidden=8".to_owned(),
+        format!("--set=q.batch={BATCH}"),
+        format!("--set=q.buffer={BUFFER}"),
+        "--set=q.epsilon_anneal=1000".to_owned(),
+        format!("--set=save.interval={SAVE_INTERVAL}"),
+        "--set=log.interval=300".to_owned(),
+    ];
+    words.into()
+}
+
+/// The experiment of most tests: recurrent networks, about a hundred episodes of up to 50 steps.
+pub fn foraging() -> Vec<String> {
+    foraging_with("mtql")
+}
+
+/// The same with another algorithm.
+pub fn foraging_with(algo: &str) -> Vec<String> {
+    let mut words = experiment("lbf-5x5-2p-1f", algo, 4_000);
+    words.push("--set=algo.target_update=20".to_owned());
+    words
+}
+
+/// Feed-forward networks, agents that are not alike, 60 episodes of 25 steps each.
+pub fn speaking() -> Vec<String> {
+    speaking_with("mtql")
+}
+
+/// The same with another algorithm.
+pub fn speaking_with(algo: &str) -> Vec<String> {
+    experiment("mpe-simple-speaker-listener", algo, 1_500)
+}
+
+/// The digest line that [`foraging`] comes to when nothing disturbs it; worked out once for all tests.
+pub fn undisturbed() -> &'static str {
+    static DIGEST: OnceLock<String> = OnceLock::new();
+    DIGEST.get_or_init(|| {
+        let cluster = Cluster::new();
+        cluster.train("undisturbed", foraging(), ["--in-process"]).succeeds();
+        cluster.digest("undisturbed")
+    })
+}
+
+/// Update calls that an agent has made in a run that has ended.
+fn update_calls(cluster: &Cluster, run: &str, agent: u32) -> u64 {
+    let path = cluster.path(run).join(format!("agent-{agent}")).join("result.json");
+    let text = fs::read_to_string(path).expect("a result");
+    let result: serde_json::Value = serde_json::from_str(&text).expect("a result is JSON");
+    result["update_calls"].as_u64().expect("a number")
+}
+
+#[test]
+fn processes_threads_and_both_transports_come_to_one_digest_in_foraging() {
+    let cluster = Cluster::new();
+    for (run, more) in [("unix", &[][..]), ("tcp", &["--transport=tcp"]), ("threads", &["--in-process"])] {
+        cluster.train(run, foraging(), more).succeeds();
+        assert_eq!(cluster.digest(run), undisturbed(), "{run}");
+    }
+    let config = fs::read_to_string(cluster.path("unix").join("config.toml")).expect("it was written");
+    assert!(config.contains("network = \"gru\""), "{config}");
+    // The digest is over something, and something was learned.
+    for role in ["world", "agent-0", "agent-1"] {
+        assert!(cluster.run("unix").rows(role).len() > 5, "{role}");
+    }
+    assert!(update_calls(&cluster, "unix", 0) > 4 * BUFFER, "the buffer was filled several times");
+}
+
+#[test]
+fn agents_that_are_not_alike_come_to_one_digest_in_processes_and_threads() {
+    let cluster = Cluster::new();
+    for algo in ["iql", "mtql"] {
+        let (processes, threads) = (format!("{algo}-processes"), format!("{algo}-threads"));
+        cluster.train(&processes, speaking_with(algo), NOTHING).succeeds();
+        cluster.train(&threads, speaking_with(algo), ["--in-process"]).succeeds();
+        assert_eq!(cluster.digest(&processes), cluster.digest(&threads), "{algo}");
+    }
+    assert_ne!(cluster.digest("iql-threads"), cluster.digest("mtql-threads"), "they have other rates");
+    let config = fs::read_to_string(cluster.path("iql-threads").join("config.toml")).expect("it was written");
+    assert!(config.contains("network = \"fc\""), "{config}");
+}
+
+#[test]
+fn episodes_side_by_side_make_as_many_update_calls_as_one_after_the_other() {
+    let cluster = Cluster::new();
+    // 60 episodes; all but those of the warm-up are followed by an update call.
+    for (run, copies, rounds) in [("one", 1, 60), ("three", 3, 20)] {
+        cluster.train(run, speaking(), [&format!("--envs={copies}"), "--in-process"]).succeeds();
+        for agent in [0, 1] {
+            assert_eq!(update_calls(&cluster, run, agent), 60 - BATCH + 1, "{copies} copies, agent {agent}");
+            let newest = cluster.run(run).checkpoints(&format!("agent-{agent}")).last().copied();
+            assert_eq!(newest, Some(rounds), "{copies} copies");
+        }
+    }
+    assert_ne!(cluster.digest("one"), cluster.digest("three"), "three act before the first is learned from");
+}
