@@ -18,6 +18,8 @@ mod opponent;
 mod task;
 mod world;
 
+pub mod conformance;
+pub mod draw;
 pub mod scene;
 
 pub mod lbf;
@@ -25,9 +27,7 @@ pub mod mpe;
 pub mod replay;
 pub mod rware;
 
-mod draw;
-
-pub use family::{Family, FAMILIES};
+pub use family::{Family, Made, Refusal, Request, FAMILIES};
 pub use opponent::Opponent;
 pub use task::{task, tasks, Task, TaskInfo, UnknownTask};
 pub use world::{End, Sizes, World};
