@@ -3,7 +3,7 @@
 use rand::RngCore;
 
 /// A number from `0..n`, every one equally likely (multiply and reject, Lemire 2019). `n` is at least 1.
-pub(crate) fn below(rng: &mut dyn RngCore, n: u32) -> u32 {
+pub fn below(rng: &mut dyn RngCore, n: u32) -> u32 {
     let mut wide = u64::from(rng.next_u32()) * u64::from(n);
     if (wide as u32) < n {
         // The lowest 2^32 mod n remainders would be hit once too often.
@@ -16,7 +16,7 @@ pub(crate) fn below(rng: &mut dyn RngCore, n: u32) -> u32 {
 }
 
 /// A number from `low..=high`, every one equally likely.
-pub(crate) fn between(rng: &mut dyn RngCore, low: u16, high: u16) -> u16 {
+pub fn between(rng: &mut dyn RngCore, low: u16, high: u16) -> u16 {
     debug_assert!(low <= high);
     low + below(rng, u32::from(high - low) + 1) as u16
 }

@@ -13,12 +13,18 @@
 //! # Ok::<(), envs::UnknownTask>(())
 //! ```
 
+// A world is written with the paths that its users write, `envs::World`, also inside this crate: so the world of
+// docs/add-a-world.md is the same text there, as a doctest and as a file in this folder.
+extern crate self as envs;
+
 mod family;
 mod opponent;
 mod padded;
 mod task;
 mod world;
 
+pub mod conformance;
+pub mod draw;
 pub mod scene;
 
 pub mod lbf;
@@ -26,9 +32,12 @@ pub mod mpe;
 pub mod replay;
 pub mod rware;
 
-mod draw;
-
-pub use family::{Family, FAMILIES};
+pub use family::{Family, Made, Refusal, Request, FAMILIES};
 pub use opponent::Opponent;
 pub use task::{task, tasks, Task, TaskInfo, UnknownTask};
 pub use world::{End, Sizes, World};
+
+/// The guide's world is compiled, and its tests run, as it stands in the text.
+#[cfg(doctest)]
+#[doc = include_str!("../../docs/add-a-world.md")]
+struct AddAWorld;

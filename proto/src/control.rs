@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 pub struct Metrics {
     /// Environment steps counted so far.
     pub t_env: u64,
-    /// Update calls completed so far.
+    /// Update calls that the agent has completed; from the env-server, which knows of none, training rounds.
     pub update_calls: u64,
     /// Names and values; a value may be infinite or not a number, because learning can diverge.
     pub scalars: Vec<(String, f64)>,

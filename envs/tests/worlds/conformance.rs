@@ -1,120 +1,155 @@
-//! What every listed task keeps to, whatever its family.
+//! What every listed task keeps to, whatever its family; and that the checks notice a world that does not.
 
-use envs::{task, tasks, End, World};
-use rand::{Rng, RngCore, SeedableRng};
+use std::panic::{catch_unwind, AssertUnwindSafe};
+
+use envs::conformance::check;
+use envs::scene::Scene;
+use envs::{task, tasks, End, Sizes, World};
+use rand::{RngCore, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Of random play, per task.
-const STEPS: u32 = 10_000;
-
-/// Everything that came out of one episode of random available actions.
-#[derive(Debug, PartialEq)]
-struct Episode {
-    observations: Vec<u32>,
-    rewards: Vec<u64>,
-    length: u32,
-    end: End,
-}
-
-fn play(world: &mut dyn World, chance: &mut ChaCha8Rng, policy: &mut ChaCha8Rng) -> Episode {
-    let sizes = world.sizes().clone();
-    let mut rewards = vec![f64::NAN; sizes.agents];
-    let mut actions = vec![0; sizes.agents];
-    let mut episode = Episode { observations: vec![], rewards: vec![], length: 0, end: End::Running };
-    world.reset(chance);
-    loop {
-        for (agent, action) in actions.iter_mut().enumerate() {
-            // What a world does not write stays a NaN or a 7 and is noticed.
-            let mut seen = vec![f32::NAN; sizes.obs_size[agent]];
-            world.observe(agent, &mut seen);
-            assert!(seen.iter().all(|number| number.is_finite()), "agent {agent} sees {seen:?}");
-            episode.observations.extend(seen.iter().map(|number| number.to_bits()));
-            let mut mask = vec![7; sizes.n_actions[agent]];
-            world.available(agent, &mut mask);
-            assert!(mask.iter().all(|&entry| entry <= 1), "agent {agent} has the mask {mask:?}");
-            let open: Vec<u16> = (0..).zip(&mask).filter(|(_, &entry)| entry == 1).map(|(a, _)| a).collect();
-            assert!(!open.is_empty(), "agent {agent} can do nothing");
-            *action = open[policy.random_range(0..open.len() as u32) as usize];
-        }
-        if episode.end != End::Running {
-            return episode;
-        }
-        episode.end = world.step(&actions, chance, &mut rewards);
-        episode.length += 1;
-        assert!(rewards.iter().all(|reward| reward.is_finite()), "rewards {rewards:?}");
-        episode.rewards.extend(rewards.iter().map(|reward| reward.to_bits()));
-        match episode.end {
-            End::Running => assert!(episode.length < sizes.episode_limit, "no end at the step limit"),
-            End::Terminated => assert!(episode.length <= sizes.episode_limit),
-            End::TimeLimit => assert_eq!(episode.length, sizes.episode_limit),
-        }
-    }
-}
-
-fn generators(seed: u64) -> (ChaCha8Rng, ChaCha8Rng) {
-    (ChaCha8Rng::seed_from_u64(seed), ChaCha8Rng::seed_from_u64(!seed))
-}
-
 #[test]
-fn every_task_names_its_sizes_and_keeps_to_them() {
-    for info in tasks() {
-        let world = task(info.name).unwrap().make();
-        let sizes = world.sizes();
-        assert_eq!(*sizes, info.sizes, "{}", info.name);
-        assert!(sizes.agents > 0 && sizes.episode_limit > 0, "{}", info.name);
-        assert_eq!(sizes.obs_size.len(), sizes.agents, "{}", info.name);
-        assert_eq!(sizes.n_actions.len(), sizes.agents, "{}", info.name);
-    }
-}
-
-#[test]
-fn random_episodes_of_every_task_end_by_the_limit_and_show_finite_numbers() {
+fn every_listed_task_keeps_to_what_worlds_promise() {
     for info in tasks() {
         println!("{}", info.name);
+        let task = task(info.name).unwrap();
+        assert_eq!(*task.sizes(), info.sizes);
+        check(&*task.make(), ChaCha8Rng::seed_from_u64);
+    }
+}
+
+#[test]
+fn other_chance_is_another_episode() {
+    for info in tasks() {
         let mut world = task(info.name).unwrap().make();
-        let (mut chance, mut policy) = generators(1);
-        for _ in 0..STEPS.div_ceil(info.sizes.episode_limit) {
-            play(&mut *world, &mut chance, &mut policy);
-        }
-    }
-}
-
-#[test]
-fn an_episode_depends_on_the_seed_and_on_nothing_before_it() {
-    for info in tasks() {
-        let task = task(info.name).unwrap();
-        let (mut fresh, mut used) = (task.make(), task.make());
-        let (mut chance, mut policy) = generators(99);
-        play(&mut *used, &mut chance, &mut policy);
-        let run = |world: &mut dyn World, seed| {
-            let (mut chance, mut policy) = generators(seed);
-            let episode = play(world, &mut chance, &mut policy);
-            (episode, chance.next_u64())
-        };
-        let first = run(&mut *fresh, 5);
-        assert_eq!(first, run(&mut *used, 5), "{}", info.name);
-        assert_ne!(first, run(&mut *fresh, 6), "{}", info.name);
-    }
-}
-
-#[test]
-fn actions_that_do_not_exist_count_as_doing_nothing() {
-    for info in tasks() {
-        let task = task(info.name).unwrap();
-        let (mut hostile, mut idle) = (task.make(), task.make());
-        let agents = info.sizes.agents;
-        let outcome = |world: &mut dyn World, actions: &[u16]| {
-            let (mut chance, _) = generators(3);
-            world.reset(&mut chance);
-            let mut rewards = vec![0.0; agents];
-            let end = world.step(actions, &mut chance, &mut rewards);
+        let mut starts = (1..=20).map(|seed| {
+            world.reset(&mut ChaCha8Rng::seed_from_u64(seed));
             let mut seen = vec![0.0; info.sizes.obs_size[0]];
             world.observe(0, &mut seen);
-            (end, rewards, seen)
-        };
-        let expected = outcome(&mut *idle, &vec![0; agents]);
-        for action in [info.sizes.n_actions.iter().max().map(|&n| n as u16).unwrap(), 255, u16::MAX] {
-            assert_eq!(outcome(&mut *hostile, &vec![action; agents]), expected, "{}, {action}", info.name);
+            seen
+        });
+        let first = starts.next().expect("twenty starts");
+        assert!(starts.any(|other| other != first), "{}", info.name);
+    }
+}
+
+/// What is wrong with a [`Faulty`] world.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Fault {
+    None,
+    NoAgents,
+    SizesOfOneAgent,
+    BlankObservation,
+    NoRewards,
+    NoActions,
+    OddMask,
+    NoEnd,
+    EarlyLimit,
+    Memory,
+    ForgetfulCopy,
+    ActionsAreAmounts,
+    NoPicture,
+}
+
+/// Counts the actions other than 0, two agents, three actions, five steps.
+#[derive(Clone)]
+struct Faulty {
+    fault: Fault,
+    sizes: Sizes,
+    start: f32,
+    count: f32,
+    step: u32,
+}
+
+impl Faulty {
+    fn new(fault: Fault) -> Self {
+        let agents = if fault == Fault::NoAgents { 0 } else { 2 };
+        let sizes_of = if fault == Fault::SizesOfOneAgent { 1 } else { agents };
+        let sizes =
+            Sizes { agents, obs_size: vec![3; sizes_of], n_actions: vec![3; agents], episode_limit: 5 };
+        Self { fault, sizes, start: 0.0, count: 0.0, step: 0 }
+    }
+}
+
+impl World for Faulty {
+    fn sizes(&self) -> &Sizes {
+        &self.sizes
+    }
+
+    fn reset(&mut self, rng: &mut dyn RngCore) {
+        self.start = (rng.next_u32() % 100) as f32;
+        self.step = 0;
+        if self.fault != Fault::Memory {
+            self.count = 0.0;
         }
     }
+
+    fn step(&mut self, actions: &[u16], _: &mut dyn RngCore, rewards: &mut [f64]) -> End {
+        let amount = |&action: &u16| match self.fault {
+            Fault::ActionsAreAmounts => f32::from(action),
+            _ => f32::from(u8::from((1..3).contains(&action))),
+        };
+        self.count += actions.iter().map(amount).sum::<f32>();
+        self.step += 1;
+        if self.fault != Fault::NoRewards {
+            rewards.fill(f64::from(self.count));
+        }
+        match self.step {
+            3 if self.fault == Fault::EarlyLimit => End::TimeLimit,
+            5 if self.fault != Fault::NoEnd => End::TimeLimit,
+            _ => End::Running,
+        }
+    }
+
+    fn observe(&self, _: usize, out: &mut [f32]) {
+        (out[0], out[1]) = (self.start, self.count);
+        if self.fault != Fault::BlankObservation {
+            out[2] = self.step as f32;
+        }
+    }
+
+    fn available(&self, _: usize, out: &mut [u8]) {
+        out.fill(match self.fault {
+            Fault::NoActions => 0,
+            Fault::OddMask => 2,
+            _ => 1,
+        });
+    }
+
+    fn scene(&self) -> Scene {
+        let width = if self.fault == Fault::NoPicture { 0.0 } else { 1.0 };
+        let background = envs::scene::Colour::PAPER;
+        Scene { width, height: 1.0, background, shapes: vec![], caption: String::new() }
+    }
+
+    fn copy(&self) -> Box<dyn World> {
+        let count = if self.fault == Fault::ForgetfulCopy { 0.0 } else { self.count };
+        Box::new(Self { count, ..self.clone() })
+    }
+}
+
+#[test]
+fn a_broken_promise_is_named() {
+    for (fault, complaint) in [
+        (Fault::NoAgents, "expected agents and steps"),
+        (Fault::SizesOfOneAgent, "expected a size from 1 to 65535 for each agent"),
+        (Fault::BlankObservation, "not all are numbers"),
+        (Fault::NoRewards, "not one for each agent"),
+        (Fault::NoActions, "no action is available"),
+        (Fault::OddMask, "not of 0 and 1"),
+        (Fault::NoEnd, "Running after 5 steps, with a limit of 5"),
+        (Fault::EarlyLimit, "TimeLimit after 3 steps, with a limit of 5"),
+        (Fault::Memory, "an episode must depend on its chance alone"),
+        (Fault::ForgetfulCopy, "a copy must go on like the world it is a copy of"),
+        (Fault::ActionsAreAmounts, "actions 3 and 255 do not exist and must do the same"),
+        (Fault::NoPicture, "a picture of 0 x 1"),
+    ] {
+        let world = Faulty::new(fault);
+        let checked = catch_unwind(AssertUnwindSafe(|| check(&world, ChaCha8Rng::seed_from_u64)));
+        let panic = checked.expect_err("a promise is broken");
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        let text = text.or(panic.downcast_ref::<&str>().copied()).expect("a text");
+        assert!(text.contains(complaint), "{fault:?}: {text}");
+    }
+    check(&Faulty::new(Fault::None), ChaCha8Rng::seed_from_u64);
 }

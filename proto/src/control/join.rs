@@ -75,7 +75,7 @@ pub struct Seat {
     pub obs_size: u32,
     /// Actions that exist.
     pub n_actions: u32,
-    /// Environment copies in a training round, which is also the episodes in a batch.
+    /// Environment copies, which are the episodes of a training round.
     pub copies: u32,
     /// Episodes in a test.
     pub test_episodes: u32,

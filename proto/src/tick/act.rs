@@ -13,7 +13,7 @@ const HEADER_BYTES: usize = 24;
 ///
 /// Every tick is answered, also one in which no episode goes on and one that closes the run; then there are no
 /// actions, and the answer says that the tick arrived. The answer to tick 0 of a round says in addition that the
-/// update call before it is complete.
+/// update calls before it are complete.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Act {
     pub mode: Mode,

@@ -19,8 +19,8 @@ pub struct Observe {
     pub mode: Mode,
     /// Goes up whenever the run starts again from a checkpoint.
     pub epoch: u32,
-    /// Training rounds completed before, which is the number `u` of this round's update call (spec §6.2). A test
-    /// carries the number of the training round that follows it.
+    /// Training rounds completed before; with PPO that is the number `u` of this round's update call (spec §6.2),
+    /// Q-learning counts these apart. A test carries the number of the training round that follows it.
     pub round: u64,
     /// World steps made in this round so far.
     pub tick: u32,
@@ -34,7 +34,8 @@ pub struct Observe {
     pub copies: Vec<u16>,
     /// Whether each row's episode goes on; at tick 0 all do.
     pub ends: Vec<End>,
-    /// The team's reward for the step just made, by row; zero at tick 0.
+    /// The reward for the step just made, by row: the team's, or the agent's own where the configuration says so;
+    /// zero at tick 0.
     pub rewards: Vec<f32>,
     /// Observations, row-major: rows × `obs_size`.
     pub obs: Vec<f32>,
