@@ -20,10 +20,10 @@ const PREY_SEES: usize = 14;
 fn tag() -> Vec<String> {
     let words = [
         "mpe-simple-tag",
-        "--t-max=3000",
+        "--t-max=6000",
         "--envs=5",
         "--switch-period=3",
-        "--test-interval=1000",
+        "--test-interval=2000",
         "--test-episodes=10",
         "--set=algo.hidden=8",
         "--set=save.interval=4",

@@ -86,7 +86,7 @@ fn killed_before_the_first_update_call() {
 #[test]
 fn rounds_of_several_episodes_are_resumed_and_changed_from_processes_to_threads() {
     let cluster = Cluster::new();
-    let words = || [speaking(), vec!["--envs=3".to_owned()]].concat();
+    let words = || [speaking(), ["--envs=3", "--set=t_max=4500"].map(str::to_owned).into()].concat();
     cluster.train("undisturbed", words(), ["--in-process"]).succeeds();
     let training = cluster.train("run", words(), NOTHING);
     cluster.run("run").reaches(600);
