@@ -4,7 +4,7 @@
 #
 #   docs/reproduce/curves.sh SECTION [FOLDER]      FOLDER, default runs/SECTION, must not exist yet
 #
-# Sections: lbf-5x5, lbf-5x5-q, speaker-listener, speaker-listener-q, tag, adversary, rware
+# Sections: lbf-5x5, lbf-5x5-q, speaker-listener, speaker-listener-q, speaker-listener-current, tag, adversary, rware
 #
 # RONDO names the program (default: built here), JOBS how many seeds train side by side (default 1).
 set -euo pipefail
@@ -59,13 +59,17 @@ speaker-listener-q)
     curves $speaker iql 5e-4 mtql 1e-3 2.5e-4 iql-mpe-speaker-listener \
         --rules epymarl --pad --t-max 85000 --test-interval 5000
     ;;
+speaker-listener-current)
+    curves $speaker iql 5e-4 mtql 1e-3 2.5e-4 "" \
+        --t-max 85000 --test-interval 5000
+    ;;
 tag | adversary)
     curves mpe-simple-"$section" ippo 4e-4 mtppo 8e-4 2e-4 "" \
-        --t-max 2000000 --test-interval 100000
+        --t-max 1000000 --test-interval 100000
     ;;
 rware)
     curves rware-tiny-4ag ippo 5e-4 mtppo 1e-3 2.5e-4 "" \
-        --t-max 6000000 --test-interval 500000 --test-episodes 20
+        --t-max 4000000 --test-interval 500000 --test-episodes 20
     ;;
 *)
     echo "error: there is no section \`$section\`; see the first lines of $0" >&2
