@@ -15,6 +15,7 @@ fn main() {
 /// 21 numbers and 6 actions for each copy, as in a large foraging task.
 fn observe(copies: usize) -> Observe {
     Observe {
+        tick: 1,
         copies: (0..copies as u16).collect(),
         ends: vec![End::Running; copies],
         rewards: vec![0.5; copies],
