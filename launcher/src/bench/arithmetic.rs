@@ -42,20 +42,24 @@ fn multiply_adds(network: Network, inputs: usize, hidden: u32, outputs: usize) -
     i * h + middle + h * o
 }
 
-/// Single-precision matrix products per second, in operations: on one core, and on `cores` at once.
+/// Single-precision matrix products per second, in operations: on one core, and on `cores` at once. The best of
+/// several tries, because whoever shares the machine can only slow it down.
 pub fn peak_flops(cores: usize) -> (f64, f64) {
-    let alone = peak_of_a_core();
-    let together = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..cores).map(|_| scope.spawn(peak_of_a_core)).collect();
-        threads.into_iter().map(|thread| thread.join().expect("products do not panic")).sum()
-    });
-    (alone, together)
+    const TRIES: usize = 5;
+    let together = || {
+        std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..cores).map(|_| scope.spawn(peak_of_a_core)).collect();
+            threads.into_iter().map(|thread| thread.join().expect("products do not panic")).sum()
+        })
+    };
+    let best = |peak: &dyn Fn() -> f64| (0..TRIES).map(|_| peak()).fold(0.0, f64::max);
+    (best(&peak_of_a_core), best(&together))
 }
 
 /// The best of many products of 1024 × 1024 matrices within some time.
 fn peak_of_a_core() -> f64 {
     const N: usize = 1024;
-    const TIME: Duration = Duration::from_millis(600);
+    const TIME: Duration = Duration::from_millis(300);
     let (a, b) = (vec![1.0; N * N], vec![0.5; N * N]);
     let mut c = vec![0.0; N * N];
     let (begin, mut best) = (Instant::now(), 0.0_f64);
