@@ -1,9 +1,9 @@
 //! One round: episodes in all copies, in lock-step with the agents, tick by tick.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use bus::{Event, Publisher};
+use bus::{Event, Events, Publisher};
 use process::{Failure, Ignored};
 use proto::exit;
 use proto::keys::{Key, Keys};
@@ -41,7 +41,7 @@ pub struct Team<'a> {
     pub keys: Keys,
     pub seats: Seats,
     pub observe: Vec<Publisher>,
-    pub events: &'a Receiver<Event>,
+    pub events: &'a Events,
     /// Longest silence of an agent before the run is given up.
     pub patience: Duration,
     /// [`Event::Stop`] has come: stop at the next round edge.
@@ -66,7 +66,7 @@ impl<'a> Team<'a> {
         keys: Keys,
         seats: Seats,
         observe: Vec<Publisher>,
-        events: &'a Receiver<Event>,
+        events: &'a Events,
         patience: Duration,
     ) -> Self {
         let agents = observe.len();
@@ -164,7 +164,10 @@ impl<'a> Team<'a> {
             // Whoever has answered may leave.
             let loss = self.seats.next_loss(GRACE, |agent| !self.answered[agent]);
             let next = loss.map_or(send_again, |(_, when)| when.min(send_again));
-            let event = self.events.recv_timeout(next.saturating_duration_since(Instant::now()));
+            // There is nothing to do before the last answer is in.
+            let missing = self.answered.iter().filter(|&&answered| !answered).count();
+            let time = next.saturating_duration_since(Instant::now());
+            let event = self.events.recv_together(missing, time);
             match event.map(|event| self.seats.hear(&self.keys, event)) {
                 Ok(Some(Event::Message { key, payload })) => match self.keys.parse(&key) {
                     Some(Key::Act(agent)) => self.hear(agent, &payload, id, copies),

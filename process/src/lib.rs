@@ -8,6 +8,7 @@ mod logs;
 mod record;
 mod role;
 mod scalars;
+mod scheduling;
 mod usage;
 mod watch;
 
@@ -17,5 +18,6 @@ pub use ignored::Ignored;
 pub use logs::start_logs;
 pub use role::Role;
 pub use scalars::Scalars;
+pub use scheduling::do_not_preempt;
 pub use usage::{cpu_seconds, peak_memory_bytes};
 pub use watch::{leave_with_launcher, LISTENING};
