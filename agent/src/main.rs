@@ -2,9 +2,6 @@
 
 use std::process::ExitCode;
 
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// One learning agent: its observations, experience and networks stay in this process
 #[derive(clap::Parser)]
 #[command(name = "rondo-agent", version)]

@@ -2,9 +2,6 @@
 
 use std::process::ExitCode;
 
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// Tells every agent of a run which learning rate it has in which update call
 #[derive(clap::Parser)]
 #[command(name = "rondo-coordinator", version)]

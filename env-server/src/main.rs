@@ -2,9 +2,6 @@
 
 use std::process::ExitCode;
 
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// Steps the shared world and tells each agent what that agent sees
 #[derive(clap::Parser)]
 #[command(name = "rondo-env-server", version)]

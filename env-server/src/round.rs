@@ -107,23 +107,27 @@ impl<'a> Team<'a> {
         self.seconds.world += start.elapsed().as_secs_f64();
         let mut id = first;
         loop {
-            let start = Instant::now();
             for agent in 0..self.observe.len() {
+                let start = Instant::now();
                 let observation = &mut self.observation;
                 (observation.mode, observation.epoch) = (id.mode, id.epoch);
                 (observation.round, observation.tick, observation.t_env) = (id.round, id.tick, t_env);
                 copies.show(agent, observation);
                 observation.encode(&mut self.messages[agent]);
+                let encoded = Instant::now();
                 self.observe[agent].send(&self.messages[agent])?;
+                self.seconds.encode += (encoded - start).as_secs_f64();
+                self.seconds.send += encoded.elapsed().as_secs_f64();
             }
             let sent = Instant::now();
-            self.seconds.messages += (sent - start).as_secs_f64();
             self.wait_for_answers(id, Some(copies))?;
             let waited = sent.elapsed().as_secs_f64();
-            // At tick 0 the agents first finish their update call.
-            *(if id.tick == 0 { &mut self.seconds.updates } else { &mut self.seconds.actions }) += waited;
+            let over = copies.running() == 0;
+            // After the last tick the agents learn, some before others have answered it; at tick 0 they finish.
+            let learning = over || id.tick == 0;
+            *(if learning { &mut self.seconds.updates } else { &mut self.seconds.actions }) += waited;
             self.ticks += 1;
-            if copies.running() == 0 {
+            if over {
                 return Ok(());
             }
             let start = Instant::now();

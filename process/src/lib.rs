@@ -1,6 +1,7 @@
 //! What the process of every role does the same way: common arguments, logs, signals, the watch over
 //! the launcher, exit codes. Nothing here decides anything about a run's result.
 
+mod allocator;
 mod arguments;
 mod failure;
 mod ignored;
@@ -12,6 +13,7 @@ mod scheduling;
 mod usage;
 mod watch;
 
+pub use allocator::allocations;
 pub use arguments::Common;
 pub use failure::{exit_on_panic, parse_arguments, report, Failure};
 pub use ignored::Ignored;
