@@ -45,6 +45,8 @@ struct Report {
     role: &'static str,
     update_calls: u64,
     seconds: Seconds,
+    /// Of them, the learner's own, by kernel.
+    learner_seconds: algos::host::Seconds,
     ignored_messages: u64,
     peak_memory_bytes: Option<u64>,
     cpu_seconds: Option<f64>,
@@ -186,6 +188,7 @@ impl<'a> Agent<'a> {
             role: "agent",
             update_calls: self.learner.update_calls(),
             seconds: self.seconds,
+            learner_seconds: self.learner.seconds(),
             ignored_messages: self.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),
             cpu_seconds: process::cpu_seconds(),
