@@ -1,15 +1,14 @@
 //! What this process offers its learner.
 
 use std::sync::LazyLock;
-use std::thread::{available_parallelism, scope};
+use std::thread::scope;
 use std::time::Instant;
 
 use algos::host::Host;
 
-/// A clock, and a second thread where there is a second processor for it.
-pub fn host() -> Host {
-    let alone = available_parallelism().map_or(true, |processors| processors.get() == 1);
-    Host { clock, both: if alone { Host::default().both } else { at_once } }
+/// A clock, and a second thread where there may be one.
+pub fn host(threads: usize) -> Host {
+    Host { clock, both: if threads > 1 { at_once } else { Host::default().both } }
 }
 
 fn clock() -> f64 {

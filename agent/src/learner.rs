@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use algos::host::Seconds;
+use algos::host::{Host, Seconds};
 use algos::iql::{self, Iql};
 use algos::ppo::{self, Choice, Ppo};
 use algos::rollout::{self, Rollout};
@@ -17,7 +17,6 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use store::{Checkpoint, Position, RoleFolder, Tensor, KEEP};
 
-use crate::host::host;
 use crate::input::Input;
 use crate::progress::Unlogged;
 use crate::replay::{Replay, DEFAULT_MEMORY_BYTES};
@@ -129,10 +128,6 @@ impl Learner {
         folder: &RoleFolder,
     ) -> Result<(Self, Option<Saved>), Failure> {
         let mut learner = Self::new(config, id, (seat.obs_size as usize, seat.n_actions as usize));
-        match &mut learner.method {
-            Method::Ppo { ppo, .. } => ppo.run_on(host()),
-            Method::Q(q) => q.iql.run_on(host()),
-        }
         let saved = match seat.round {
             0 => None,
             round => Some(learner.restore(&folder.checkpoints().load(round)?)?),
@@ -159,6 +154,14 @@ impl Learner {
         match &self.method {
             Method::Ppo { ppo, .. } => ppo.update_calls(),
             Method::Q(q) => q.iql.update_calls(),
+        }
+    }
+
+    /// From now on the learner uses this clock, and these threads.
+    pub fn run_on(&mut self, host: Host) {
+        match &mut self.method {
+            Method::Ppo { ppo, .. } => ppo.run_on(host),
+            Method::Q(q) => q.iql.run_on(host),
         }
     }
 

@@ -37,13 +37,19 @@ pub struct Arguments {
     /// Endpoints to dial: the env-server's and the coordinator's, for example `tcp/192.0.2.7:7447`
     #[arg(long, value_name = "ENDPOINT", required = true)]
     pub connect: Vec<String>,
+    /// Threads for update calls, 1 or 2: with two, actor and critic learn at once; the result is the same. By default
+    /// as many as there are processors
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub threads: Option<u8>,
 }
 
 /// The whole process: opens what the arguments say and runs until the run ends.
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || {
         let name = format!("agent-{}", arguments.id);
-        run(arguments.common.open(&name, vec![], arguments.connect.clone())?, arguments.id)
+        let role = arguments.common.open(&name, vec![], arguments.connect.clone())?;
+        let processors = || std::thread::available_parallelism().map_or(1, usize::from);
+        run(role, arguments.id, arguments.threads.map_or_else(processors, usize::from))
     };
     match attempt() {
         Ok(Left::Finished) => ExitCode::from(exit::DONE),

@@ -18,6 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use store::{MetricsWriter, Position};
 
+use crate::host::host;
 use crate::join::take_seat;
 use crate::learner::{owner, Learner};
 use crate::progress::{metrics, timed, Seconds, Unlogged};
@@ -55,12 +56,12 @@ struct Report {
     traffic: Vec<(String, u64, u64)>,
 }
 
-/// Runs one agent until the run ends.
+/// Runs one agent until the run ends. With more than one of the `threads`, actor and critic learn at once.
 ///
 /// # Errors
 /// If it gets no seat within `role.wait`, loses the env-server, hears nothing for as long, is told no learning
 /// rate, or the disk fails.
-pub fn run(role: Role, id: u32) -> Result<Left, Failure> {
+pub fn run(role: Role, id: u32, threads: usize) -> Result<Left, Failure> {
     let join = Join {
         config_digest: role.config.digest(),
         nonce: nonce(),
@@ -69,7 +70,7 @@ pub fn run(role: Role, id: u32) -> Result<Left, Failure> {
     let seat = take_seat(&role, id, &join)?;
     tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, "has a seat");
 
-    let mut agent = Agent::start(&role, id, seat)?;
+    let mut agent = Agent::start(&role, id, seat, threads)?;
     // The token comes last: whoever sees it knows that the subscriptions are there.
     let _schedule = role.bus.subscribe(&role.keys.schedule(), role.inbox.clone())?;
     let _observe = role.bus.subscribe(&role.keys.observe(id), role.inbox.clone())?;
@@ -112,9 +113,10 @@ struct Round {
 }
 
 impl<'a> Agent<'a> {
-    fn start(role: &'a Role, id: u32, seat: Seat) -> Result<Self, Failure> {
+    fn start(role: &'a Role, id: u32, seat: Seat, threads: usize) -> Result<Self, Failure> {
         let Role { bus, keys, config, folder, .. } = role;
-        let (learner, saved) = Learner::start(config, id, &seat, folder)?;
+        let (mut learner, saved) = Learner::start(config, id, &seat, folder)?;
+        learner.run_on(host(threads));
         let (unlogged, position) = match saved {
             Some(saved) => (saved.unlogged, saved.metrics),
             None => (Unlogged::default(), Position::START),

@@ -66,6 +66,7 @@ impl ChildProcesses {
         folder: &RunFolder,
         config: &Config,
         wait: Duration,
+        threads: usize,
         transport: Transport,
         news: &Sender<News>,
     ) -> Result<Self, Failure> {
@@ -105,7 +106,7 @@ impl ChildProcesses {
             }
         }
         for id in 0..config.world.agents {
-            let own = [format!("--id={id}")];
+            let own = [format!("--id={id}"), format!("--threads={threads}")];
             let arguments = common.iter().chain(&dial).chain(&own);
             roles.spawn("agent", &format!("agent-{id}"), arguments, news, None)?;
         }

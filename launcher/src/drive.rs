@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::sync::mpsc::{channel, Receiver, RecvTimeoutError, Sender};
+use std::thread::available_parallelism;
 use std::time::{Duration, Instant, SystemTime};
 
 use process::Failure;
@@ -34,6 +35,8 @@ pub struct Options {
     /// How long roles wait for each other.
     pub wait: Duration,
     pub show: Show,
+    /// How many teams train on this machine at the same time, this one included.
+    pub teams: u32,
 }
 
 /// After one role has failed the others get this long to save and leave.
@@ -49,10 +52,12 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     watch_signals(sender.clone())?;
     let start = SystemTime::now();
     let mut display = Display::new(config, options.show);
+    let processors = available_parallelism().map_or(1, usize::from);
+    let threads = threads_to_learn(options.teams.saturating_mul(config.world.agents) as usize, processors);
     let mut roles: Box<dyn Roles> = match options.place {
-        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, &sender)?),
+        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, threads, &sender)?),
         Place::Processes(transport) => {
-            Box::new(ChildProcesses::start(folder, config, options.wait, transport, &sender)?)
+            Box::new(ChildProcesses::start(folder, config, options.wait, threads, transport, &sender)?)
         }
     };
     let count = config.world.agents as usize + 2;
@@ -64,6 +69,17 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     let summary = summary::collect(folder, config, start)?;
     folder.write_result(&summary)?;
     Ok((ended, summary))
+}
+
+/// Threads for the update calls of each of `agents` agents, 1 or 2, so that the last is done soonest: the halves of
+/// an update call, actor and critic, are learned at once only where whole ones would leave processors idle.
+fn threads_to_learn(agents: usize, processors: usize) -> usize {
+    let (halves_in_turn, wholes_in_turn) = ((2 * agents).div_ceil(processors), agents.div_ceil(processors));
+    if halves_in_turn < 2 * wholes_in_turn {
+        2
+    } else {
+        1
+    }
 }
 
 fn watch_signals(sender: Sender<News>) -> Result<(), Failure> {
@@ -134,5 +150,20 @@ fn follow(
     match failed {
         Some((failure, _)) => Err(failure),
         None => Ok(ended),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn agents_learn_in_halves_where_whole_update_calls_would_leave_processors_idle() {
+        for (agents, processors) in [(1, 2), (3, 2), (2, 4), (5, 4), (1, 64)] {
+            assert_eq!(threads_to_learn(agents, processors), 2, "{agents} on {processors}");
+        }
+        for (agents, processors) in [(1, 1), (3, 1), (2, 2), (4, 2), (3, 4), (4, 4), (8, 4)] {
+            assert_eq!(threads_to_learn(agents, processors), 1, "{agents} on {processors}");
+        }
     }
 }

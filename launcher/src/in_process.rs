@@ -31,6 +31,7 @@ impl InProcess {
         folder: &RunFolder,
         config: &Config,
         wait: Duration,
+        threads: usize,
         news: &Sender<News>,
     ) -> Result<Self, Failure> {
         let hub = bus::memory();
@@ -61,7 +62,7 @@ impl InProcess {
         let mut others = vec![begin("coordinator".to_owned(), coordinator)?];
         for id in 0..config.world.agents {
             let agent = Box::new(move |role| {
-                agent::run(role, id).map(|left| match left {
+                agent::run(role, id, threads).map(|left| match left {
                     agent::Left::Finished => Ended::Finished,
                     agent::Left::Stopped => Ended::Stopped,
                 })

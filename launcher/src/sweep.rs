@@ -65,7 +65,8 @@ fn start(seed: u64, out: &Path) -> std::io::Result<Child> {
     let mut given = std::env::args_os().skip(1);
     while let Some(argument) = given.next() {
         let text = argument.to_string_lossy().into_owned();
-        let replaced = ["--seed", "--seeds", "--out", "--jobs"];
+        // `--jobs` stays: it says how many share this machine.
+        let replaced = ["--seed", "--seeds", "--out"];
         if replaced.contains(&text.as_str()) {
             given.next();
         } else if !replaced.iter().any(|option| text.starts_with(&format!("{option}="))) {

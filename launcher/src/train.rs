@@ -39,13 +39,15 @@ pub struct Running {
 }
 
 impl Running {
-    fn options(&self) -> Options {
+    /// `teams`: how many train on this machine at the same time.
+    fn options(&self, teams: u32) -> Options {
         if self.with_launcher {
             process::leave_with_launcher();
         }
         Options {
             place: if self.in_process { Place::InProcess } else { Place::Processes(self.transport) },
             wait: Duration::from_secs(self.wait),
+            teams,
             show: match (self.quiet, self.with_launcher) {
                 (true, _) => Show::Nothing,
                 (false, true) => Show::Lines,
@@ -95,7 +97,7 @@ impl Train {
         process::start_logs(None);
         let folder = RunFolder::create(&out, &config.to_toml())?;
         self.experiment.furnish(&folder)?;
-        finish(&folder, &config, self.running.options())
+        finish(&folder, &config, self.running.options(self.jobs))
     }
 }
 
@@ -114,7 +116,7 @@ impl Resume {
         let config = Config::from_toml(folder.config_toml())?;
         config.validate()?;
         process::start_logs(None);
-        finish(&folder, &config, self.running.options())
+        finish(&folder, &config, self.running.options(1))
     }
 }
 

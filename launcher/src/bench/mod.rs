@@ -265,7 +265,7 @@ fn one(experiment: &Experiment, place: Place) -> Result<Summary, Failure> {
     let place_of_run = tempfile::tempdir()
         .map_err(|e| Failure::new(exit::IO, format!("cannot make a folder for the run: {e}")))?;
     let folder = RunFolder::create(place_of_run.path().join("run"), &config.to_toml())?;
-    let options = Options { place, wait: Duration::from_secs(60), show: Show::Nothing };
+    let options = Options { place, wait: Duration::from_secs(60), show: Show::Nothing, teams: 1 };
     let (ended, summary) = drive(&folder, &config, options)?;
     if ended == Ended::Stopped {
         return Err(Failure::new(exit::AGAIN, "the measurement was stopped"));
