@@ -79,6 +79,8 @@ struct Measured {
     ticks_per_second: f64,
     /// Shares of the run's time, as the env-server sees it.
     parts: Parts,
+    /// Shares of the agents' update calls.
+    update_call: UpdateCall,
     bytes_per_tick: f64,
     /// In all roles; only where allocations are counted.
     allocations_per_tick: Option<f64>,
@@ -95,8 +97,10 @@ struct Measured {
 struct Parts {
     /// Waiting for update calls.
     update: f64,
-    /// Forward passes and sampling of the slowest agent.
+    /// Forward passes of the slowest agent, to act.
     inference: f64,
+    /// Choosing actions, of the slowest agent.
+    sampling: f64,
     /// Observing worlds, writing and reading messages: the env-server, and the slowest agent.
     encode: f64,
     /// Handing messages to the bus, one after the other.
@@ -107,6 +111,19 @@ struct Parts {
     world: f64,
     /// Checkpoints and metric rows.
     disk: f64,
+}
+
+/// What an update call does.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct UpdateCall {
+    /// Laying out rows.
+    layout: f64,
+    forward: f64,
+    /// Returns, losses, and their gradients by what the networks gave.
+    loss: f64,
+    backward: f64,
+    /// Clipping, Adam, target networks.
+    optimiser: f64,
 }
 
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -204,13 +221,22 @@ impl Bench {
         let firsts: Vec<&Summary> = runs.iter().map(|runs| &runs[0]).collect();
         let of = |f: &dyn Fn(&Summary) -> f64| spread(firsts.iter().map(|run| f(run)).collect()).median;
         let world = |name: &'static str| of(&|run| run.seconds("world", name) / run.training_seconds());
-        let slowest = |name: &'static str| {
+        let of_agents = |run: &Summary, account: &str, name: &str| -> Vec<f64> {
+            let agents = run.roles.iter().filter(|(role, _)| role.starts_with("agent"));
+            agents.filter_map(|(_, report)| report[account][name].as_f64()).collect()
+        };
+        let slowest = |account: &'static str, name: &'static str| {
+            of(&|run| of_agents(run, account, name).into_iter().fold(0.0, f64::max) / run.training_seconds())
+        };
+        let whole_answer = slowest("seconds", "inference") + slowest("seconds", "encode");
+        let in_update_calls = |name: &'static str| {
+            const ALL: [&str; 5] = ["layout", "forward", "loss", "backward", "optimiser"];
             of(&|run| {
-                let agents = run.roles.keys().filter(|role| role.starts_with("agent"));
-                agents.map(|agent| run.seconds(agent, name)).fold(0.0, f64::max) / run.training_seconds()
+                let sum = |name| of_agents(run, "learner_seconds", name).into_iter().sum::<f64>();
+                // A short run of Q-learning may make no update call at all.
+                sum(name) / ALL.into_iter().map(sum).sum::<f64>().max(f64::MIN_POSITIVE)
             })
         };
-        let (inference, encode) = (slowest("inference"), slowest("encode"));
         let memory = |role: &'static str| {
             let of_role = |run: &Summary| Some(run.roles[role]["peak_memory_bytes"].as_f64()? / 1e6);
             median_of_known(&firsts, of_role).filter(|_| place == Where::Processes)
@@ -226,12 +252,20 @@ impl Bench {
             ticks_per_second: of(&|run| ticks(run) / run.training_seconds()),
             parts: Parts {
                 update: world("updates"),
-                inference,
-                encode: world("encode") + encode,
+                inference: slowest("learner_seconds", "acting"),
+                sampling: slowest("learner_seconds", "choosing"),
+                encode: world("encode") + slowest("seconds", "encode"),
                 send: world("send"),
-                bus: (world("actions") - inference - encode).max(0.0),
+                bus: (world("actions") - whole_answer).max(0.0),
                 world: world("world"),
                 disk: world("disk"),
+            },
+            update_call: UpdateCall {
+                layout: in_update_calls("layout"),
+                forward: in_update_calls("forward"),
+                loss: in_update_calls("loss"),
+                backward: in_update_calls("backward"),
+                optimiser: in_update_calls("optimiser"),
             },
             bytes_per_tick: of(&|run| {
                 let of_ticks = run.bytes_by_key.iter();
@@ -327,18 +361,19 @@ fn median_of_known(runs: &[&Summary], of: impl Fn(&Summary) -> Option<f64>) -> O
 
 /// Above the lines of [`Measured`].
 const HEAD: &str = "\
-task                         algo   copies place                         env steps/s  limit  ticks/s update infer. encode \
-send   bus world  disk  B/tick allocs/tick CPU us/step start s MB/agent MB/server";
+task                         algo   copies place                         env steps/s  limit  ticks/s update infer. sample encode \
+send   bus world  disk  B/tick allocs/tick CPU us/step start s MB/agent MB/server | layout forward loss backward optimiser";
 
 impl std::fmt::Display for Measured {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let steps = self.env_steps_per_second;
-        let Parts { update, inference, encode, send, bus, world, disk } = self.parts;
+        let Parts { update, inference, sampling, encode, send, bus, world, disk } = self.parts;
+        let UpdateCall { layout, forward, loss, backward, optimiser } = self.update_call;
         let known = |x: Option<f64>, digits: usize| x.map_or("–".to_owned(), |x| format!("{x:.digits$}"));
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         write!(
             f,
-            "{:<28} {:<6} {:>6} {:<12} {:>28} {:>6} {:>8.0} {:>6} {:>6} {:>6} {:>4} {:>5} {:>5} {:>5} {:>7.0} {:>11} {:>11} {:>7.2} {:>8} {:>9}",
+            "{:<28} {:<6} {:>6} {:<12} {:>28} {:>6} {:>8.0} {:>6} {:>6} {:>6} {:>6} {:>4} {:>5} {:>5} {:>5} {:>7.0} {:>11} {:>11} {:>7.2} {:>8} {:>9} | {:>6} {:>7} {:>4} {:>8} {:>9}",
             self.task,
             self.algo,
             self.copies,
@@ -348,6 +383,7 @@ impl std::fmt::Display for Measured {
             self.ticks_per_second,
             percent(update),
             percent(inference),
+            percent(sampling),
             percent(encode),
             percent(send),
             percent(bus),
@@ -358,7 +394,12 @@ impl std::fmt::Display for Measured {
             known(self.cpu_us_per_env_step, 1),
             self.start_seconds,
             known(self.agent_memory_mb, 0),
-            known(self.env_server_memory_mb, 0)
+            known(self.env_server_memory_mb, 0),
+            percent(layout),
+            percent(forward),
+            percent(loss),
+            percent(backward),
+            percent(optimiser)
         )
     }
 }
