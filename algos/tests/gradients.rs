@@ -61,6 +61,47 @@ fn recurrent_gradients_through_time_with_episodes_of_different_lengths() {
     check(Kind::Gru, 2, &[20]);
 }
 
+/// A batch of sequences, the longest first, each with its rows of `width` numbers, packed by time.
+fn packed(lengths: &[usize], rows: &[Vec<f32>], width: usize) -> Vec<f32> {
+    let steps = (0..lengths[0]).flat_map(|t| (0..lengths.len()).map(move |k| (t, k)));
+    let there = steps.filter(|&(t, k)| t < lengths[k]);
+    there.flat_map(|(t, k)| rows[k][t * width..(t + 1) * width].to_vec()).collect()
+}
+
+#[test]
+fn gradients_of_parts_add_up_to_that_of_the_whole_batch() {
+    let lengths = [7, 7, 4, 2, 1];
+    for kind in [Kind::Fc, Kind::Gru] {
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let network = Network { kind, inputs: 4, hidden: 16, outputs: 3 };
+        let values = initial(&network.blocks(), &mut rng);
+        let mut rows = |width: usize| -> Vec<Vec<f32>> {
+            lengths.iter().map(|l| (0..l * width).map(|_| rng.random_range(-1.0..1.0)).collect()).collect()
+        };
+        let (obs, d_out) = (rows(4), rows(3));
+        let mut to = Activations::default();
+        let mut gradient = |parts: &[std::ops::Range<usize>]| {
+            let mut gradient = vec![0.0; values.len()];
+            for part in parts {
+                let lengths = &lengths[part.clone()];
+                let steps = Steps::of_lengths(lengths);
+                let (obs, d_out) =
+                    (packed(lengths, &obs[part.clone()], 4), packed(lengths, &d_out[part.clone()], 3));
+                network.forward(&values, &obs, &steps, &mut to);
+                network.backward(&values, &obs, &steps, &d_out, &mut to, &mut gradient);
+            }
+            gradient
+        };
+        let (whole, parts) = (gradient(&[0..5]), gradient(&[0..2, 2..3, 3..5]));
+        let largest = whole.iter().fold(0.0f32, |m, g| m.max(g.abs()));
+        assert!(whole.iter().filter(|g| **g != 0.0).count() > whole.len() / 2, "{kind:?} has a gradient");
+        // Nothing but another order of summation.
+        for (whole, parts) in whole.iter().zip(&parts) {
+            assert!((whole - parts).abs() < 1e-6 * largest, "{kind:?}: {whole} {parts}");
+        }
+    }
+}
+
 #[test]
 fn acting_step_by_step_gives_the_outputs_of_the_training_pass() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);

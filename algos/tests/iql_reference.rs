@@ -200,6 +200,14 @@ fn a_recurrent_learner_follows_the_plain_reference_through_episodes_of_all_lengt
 }
 
 #[test]
+fn minibatches_of_several_parts_follow_the_plain_reference() {
+    // More rows than a part of a feed-forward batch has, more episodes than one of a recurrent batch.
+    let lengths: Vec<usize> = (0..90).map(|k| 1 + (k * 7) % 13).collect();
+    compare(config(Kind::Fc), &lengths, 1.0);
+    compare(config(Kind::Gru), &lengths[..37], 1.0);
+}
+
+#[test]
 fn step_limits_that_are_no_terminations_and_single_q_learning_follow_the_plain_reference() {
     compare(Config { time_limit_is_terminal: false, ..config(Kind::Gru) }, &[7, 4, 7, 1], 1.0);
     compare(Config { double_q: false, ..config(Kind::Fc) }, &[7, 4, 7, 1], 1.0);

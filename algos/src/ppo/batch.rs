@@ -145,3 +145,42 @@ impl Part {
         self.obs.clear();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::network::Kind;
+
+    /// `count` episodes of 50 steps; in each row the number of its episode.
+    fn episodes(count: usize) -> Vec<Episode> {
+        let episode = |k: usize| Episode {
+            obs: vec![k as f32; 51],
+            avail: vec![1; 51],
+            actions: vec![0; 50],
+            rewards: vec![k as f32; 50],
+            end: End::Terminated,
+        };
+        (0..count).map(episode).collect()
+    }
+
+    #[test]
+    fn what_goes_through_a_network_at_once_does_not_grow_with_the_copies() {
+        for (kind, most) in [(Kind::Fc, 512), (Kind::Gru, 16 * 50)] {
+            let network = Network { kind, inputs: 1, hidden: 1, outputs: 1 };
+            for copies in [64, 1024] {
+                let (mut batch, mut part, episodes) = (Batch::default(), Part::default(), episodes(copies));
+                batch.begin(&episodes, &network);
+                batch.compute_returns(&episodes, 1, 0.0, EndOfBatch::Correct);
+                let mut rows = 0;
+                for k in 0..batch.parts.len() {
+                    part.fill(&batch, k, &episodes);
+                    assert!(part.steps.rows() <= most, "{kind:?}: {}", part.steps.rows());
+                    // Without discounting the return is the reward, here the number of the episode.
+                    assert_eq!(part.returns, part.obs);
+                    rows += part.steps.rows();
+                }
+                assert_eq!((rows, batch.rows), (50 * copies, 50 * copies));
+            }
+        }
+    }
+}
