@@ -20,10 +20,32 @@ mod progress;
 
 use std::process::ExitCode;
 
+use algos::device::DeviceName;
+use process::Failure;
 use proto::exit;
 
 pub use learner::{owner, Learner};
 pub use train::{run, Left};
+
+/// Where an agent computes: an option of every command that runs one, and no part of the configuration, which
+/// says what a run is and not on what machine.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct DeviceArgument {
+    /// Where update calls and large batches are computed: cpu, cuda (the first GPU) or cuda:N
+    #[arg(long, value_name = "DEVICE", default_value_t = DeviceName::Cpu)]
+    pub device: DeviceName,
+}
+
+impl DeviceArgument {
+    /// Refuses a device that this build cannot use, before anything starts.
+    ///
+    /// # Errors
+    /// With [`exit::CONFIG`].
+    pub fn check(&self) -> Result<DeviceName, Failure> {
+        self.device.check().map_err(|error| Failure::new(exit::CONFIG, error))?;
+        Ok(self.device)
+    }
+}
 
 /// Arguments of the role's process.
 #[derive(Debug, Clone, clap::Args)]
@@ -36,13 +58,16 @@ pub struct Arguments {
     /// Endpoints to dial: the env-server's and the coordinator's, for example `tcp/192.0.2.7:7447`
     #[arg(long, value_name = "ENDPOINT", required = true)]
     pub connect: Vec<String>,
+    #[command(flatten)]
+    pub device: DeviceArgument,
 }
 
 /// The whole process: opens what the arguments say and runs until the run ends.
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || {
+        let device = arguments.device.check()?;
         let name = format!("agent-{}", arguments.id);
-        run(arguments.common.open(&name, vec![], arguments.connect.clone())?, arguments.id)
+        run(arguments.common.open(&name, vec![], arguments.connect.clone())?, arguments.id, device)
     };
     match attempt() {
         Ok(Left::Finished) => ExitCode::from(exit::DONE),

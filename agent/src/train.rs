@@ -5,6 +5,7 @@ use std::hash::BuildHasher;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant, SystemTime};
 
+use algos::device::{Device, DeviceName};
 use bus::{Event, Publisher};
 use process::{Failure, Ignored, Role, Scalars};
 use proto::codec::{decode, encode};
@@ -43,6 +44,7 @@ pub enum Left {
 #[derive(Serialize)]
 struct Report {
     role: &'static str,
+    device: String,
     update_calls: u64,
     seconds: Seconds,
     ignored_messages: u64,
@@ -51,21 +53,23 @@ struct Report {
     traffic: Vec<(String, u64, u64)>,
 }
 
-/// Runs one agent until the run ends.
+/// Runs one agent, which computes on `device`, until the run ends.
 ///
 /// # Errors
-/// If it gets no seat within `role.wait`, loses the env-server, hears nothing for as long, is told no learning
-/// rate, or the disk fails.
-pub fn run(role: Role, id: u32) -> Result<Left, Failure> {
+/// If the device cannot be used or fails, or it gets no seat within `role.wait`, loses the env-server, hears
+/// nothing for as long, is told no learning rate, or the disk fails.
+pub fn run(role: Role, id: u32, device: DeviceName) -> Result<Left, Failure> {
+    // Before others wait for this agent.
+    let opened = device.open().map_err(|error| Failure::new(exit::CONFIG, error))?;
     let join = Join {
         config_digest: role.config.digest(),
         nonce: nonce(),
         checkpoints: role.folder.checkpoints().rounds()?,
     };
     let seat = take_seat(&role, id, &join)?;
-    tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, "has a seat");
+    tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, %device, "has a seat");
 
-    let mut agent = Agent::start(&role, id, seat)?;
+    let mut agent = Agent::start(&role, id, seat, (device, opened))?;
     // The token comes last: whoever sees it knows that the subscriptions are there.
     let _schedule = role.bus.subscribe(&role.keys.schedule(), role.inbox.clone())?;
     let _observe = role.bus.subscribe(&role.keys.observe(id), role.inbox.clone())?;
@@ -82,6 +86,7 @@ fn nonce() -> u64 {
 struct Agent<'a> {
     role: &'a Role,
     id: u32,
+    device: DeviceName,
     seat: Seat,
     learner: Learner,
     timetable: Timetable,
@@ -108,9 +113,24 @@ struct Round {
 }
 
 impl<'a> Agent<'a> {
-    fn start(role: &'a Role, id: u32, seat: Seat) -> Result<Self, Failure> {
+    fn start(
+        role: &'a Role,
+        id: u32,
+        seat: Seat,
+        (device, opened): (DeviceName, Device),
+    ) -> Result<Self, Failure> {
         let Role { bus, keys, config, folder, .. } = role;
-        let (learner, saved) = Learner::start(config, id, &seat, folder)?;
+        let (mut learner, saved) = Learner::start(config, id, &seat, folder)?;
+        learner.compute_on(device, opened);
+        if let Some(before) = saved.as_ref().map(|saved| &saved.device).filter(|kind| *kind != device.kind()) {
+            tracing::warn!(
+                agent = id,
+                round = seat.round,
+                before,
+                now = device.kind(),
+                "goes on on another kind of device: from here on the last bits differ from those of a run that stayed"
+            );
+        }
         let (unlogged, position) = match saved {
             Some(saved) => (saved.unlogged, saved.metrics),
             None => (Unlogged::default(), Position::START),
@@ -124,6 +144,7 @@ impl<'a> Agent<'a> {
             saved: (seat.round > 0).then_some(seat.round),
             role,
             id,
+            device,
             seat,
             learner,
             timetable: Timetable::default(),
@@ -181,6 +202,7 @@ impl<'a> Agent<'a> {
         self.save()?;
         self.role.folder.write_result(&Report {
             role: "agent",
+            device: self.device.to_string(),
             update_calls: self.learner.update_calls(),
             seconds: self.seconds,
             ignored_messages: self.ignored.count(),
@@ -241,6 +263,8 @@ impl<'a> Agent<'a> {
             let chosen = timed(&mut agent.seconds.inference, || agent.learner.tick(observe, learning, rng));
             actions.extend_from_slice(chosen);
         })?;
+        // Whatever has been answered, no round is finished with it.
+        self.learner.check_device()?;
         if over && learning {
             self.learn(observe.t_env)?;
         }

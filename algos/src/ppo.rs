@@ -27,6 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::acting::Acting;
 use crate::adam::{clip, Adam};
+use crate::device::Device;
 use crate::network::{Activations, Kind, Network};
 use crate::params::initial;
 use crate::returns::EndOfBatch;
@@ -173,6 +174,14 @@ impl Ppo {
             actor_values,
             critic_values,
         }
+    }
+
+    /// From now on the networks' passes are computed there. The caller asks [`Device::check`] before it relies on
+    /// what an update call or an action came to.
+    pub fn compute_on(&mut self, device: &Device) {
+        self.acting.compute_on(device);
+        self.work.actor.on = device.passes();
+        self.work.critic.on = device.passes();
     }
 
     /// Update calls completed, the `u` of the schedule.

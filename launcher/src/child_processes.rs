@@ -18,6 +18,7 @@ use proto::exit;
 use store::RunFolder;
 use tempfile::TempDir;
 
+use crate::drive::Options;
 use crate::roles::{listen, Ended, News, Roles, Transport};
 
 /// How many of a child's last lines are worth telling.
@@ -65,7 +66,7 @@ impl ChildProcesses {
     pub fn start(
         folder: &RunFolder,
         config: &Config,
-        wait: Duration,
+        options: &Options,
         transport: Transport,
         news: &Sender<News>,
     ) -> Result<Self, Failure> {
@@ -83,7 +84,7 @@ impl ChildProcesses {
         let mut common: Vec<String> = vec![
             format!("--config={}", folder.path().join("config.toml").display()),
             format!("--out={}", folder.path().display()),
-            format!("--wait={}", wait.as_secs()),
+            format!("--wait={}", options.wait.as_secs()),
             "--with-launcher".to_owned(),
         ];
         common.extend(monitor.endpoints().iter().map(|endpoint| format!("--monitor={endpoint}")));
@@ -105,7 +106,7 @@ impl ChildProcesses {
             }
         }
         for id in 0..config.world.agents {
-            let own = [format!("--id={id}")];
+            let own = [format!("--id={id}"), format!("--device={}", options.device)];
             let arguments = common.iter().chain(&dial).chain(&own);
             roles.spawn("agent", &format!("agent-{id}"), arguments, news, None)?;
         }

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::mpsc::{channel, Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant, SystemTime};
 
+use algos::device::DeviceName;
 use process::Failure;
 use proto::config::Config;
 use proto::exit;
@@ -31,6 +32,8 @@ pub enum Place {
 #[derive(Debug, Clone, Copy)]
 pub struct Options {
     pub place: Place,
+    /// Where agents compute.
+    pub device: DeviceName,
     /// How long roles wait for each other.
     pub wait: Duration,
     pub show: Show,
@@ -50,9 +53,9 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     let start = SystemTime::now();
     let mut display = Display::new(config, options.show);
     let mut roles: Box<dyn Roles> = match options.place {
-        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, &sender)?),
+        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, options.device, &sender)?),
         Place::Processes(transport) => {
-            Box::new(ChildProcesses::start(folder, config, options.wait, transport, &sender)?)
+            Box::new(ChildProcesses::start(folder, config, &options, transport, &sender)?)
         }
     };
     let count = config.world.agents as usize + 2;

@@ -27,6 +27,8 @@ pub struct Running {
     /// How the processes reach each other
     #[arg(long, value_enum, default_value = "unix")]
     pub transport: Transport,
+    #[command(flatten)]
+    pub device: agent::DeviceArgument,
     /// Seconds that roles wait for each other before they give up
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     pub wait: u64,
@@ -39,11 +41,14 @@ pub struct Running {
 }
 
 impl Running {
-    fn options(&self) -> Options {
+    /// # Errors
+    /// If this build cannot compute on the device.
+    fn options(&self) -> Result<Options, Failure> {
         if self.with_launcher {
             process::leave_with_launcher();
         }
-        Options {
+        Ok(Options {
+            device: self.device.check()?,
             place: if self.in_process { Place::InProcess } else { Place::Processes(self.transport) },
             wait: Duration::from_secs(self.wait),
             show: match (self.quiet, self.with_launcher) {
@@ -51,7 +56,7 @@ impl Running {
                 (false, true) => Show::Lines,
                 (false, false) => Show::Best,
             },
-        }
+        })
     }
 }
 
@@ -78,6 +83,7 @@ impl Train {
         if self.seeds == 0 || self.jobs == 0 {
             return Err(Failure::new(exit::USAGE, "`--seeds` and `--jobs` are counted from 1"));
         }
+        let options = self.running.options()?;
         let algo = &self.experiment.algo;
         if self.seeds > 1 {
             // Mistakes are found before the first seed starts.
@@ -95,7 +101,7 @@ impl Train {
         process::start_logs(None);
         let folder = RunFolder::create(&out, &config.to_toml())?;
         self.experiment.furnish(&folder)?;
-        finish(&folder, &config, self.running.options())
+        finish(&folder, &config, options)
     }
 }
 
@@ -110,11 +116,12 @@ pub struct Resume {
 
 impl Resume {
     pub fn run(&self) -> Result<ExitCode, Failure> {
+        let options = self.running.options()?;
         let folder = RunFolder::open(&self.run)?;
         let config = Config::from_toml(folder.config_toml())?;
         config.validate()?;
         process::start_logs(None);
-        finish(&folder, &config, self.running.options())
+        finish(&folder, &config, options)
     }
 }
 
