@@ -173,7 +173,8 @@ impl Learner {
     /// With the first failure.
     pub fn check_device(&self) -> Result<(), Failure> {
         self.device.check().map_err(|error| {
-            let hint = "hint: the last checkpoint is intact; is the GPU's memory full? `rondo resume` goes on from \
+            let hint =
+                "hint: the last checkpoint is intact; is the GPU's memory full? `rondo resume` goes on from \
                         there, with `--device cpu` too";
             Failure::new(exit::AGAIN, format!("{error}\n{hint}"))
         })

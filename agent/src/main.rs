@@ -2,9 +2,6 @@
 
 use std::process::ExitCode;
 
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// One learning agent: its observations, experience and networks stay in this process
 #[derive(clap::Parser)]
 #[command(name = "rondo-agent", version)]
@@ -15,6 +12,7 @@ struct Cli {
 
 fn main() -> ExitCode {
     bus::use_one_runtime();
+    process::do_not_preempt();
     process::exit_on_panic();
     match process::parse_arguments::<Cli>() {
         Ok(cli) => agent::main(&cli.arguments),

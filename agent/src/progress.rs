@@ -56,7 +56,9 @@ pub struct Seconds {
     /// Update calls.
     pub update: f64,
     /// Reading and writing messages.
-    pub messages: f64,
+    pub encode: f64,
+    /// Handing messages to the bus.
+    pub send: f64,
     /// Checkpoints and metric rows.
     pub disk: f64,
     /// From the first tick to the last.

@@ -50,6 +50,8 @@ struct Report {
     ignored_messages: u64,
     peak_memory_bytes: Option<u64>,
     cpu_seconds: Option<f64>,
+    /// In all threads of the process since the first tick; only where allocations are counted.
+    allocations: Option<u64>,
     traffic: Vec<(String, u64, u64)>,
 }
 
@@ -122,7 +124,8 @@ impl<'a> Agent<'a> {
         let Role { bus, keys, config, folder, .. } = role;
         let (mut learner, saved) = Learner::start(config, id, &seat, folder)?;
         learner.compute_on(device, opened);
-        if let Some(before) = saved.as_ref().map(|saved| &saved.device).filter(|kind| *kind != device.kind()) {
+        if let Some(before) = saved.as_ref().map(|saved| &saved.device).filter(|kind| *kind != device.kind())
+        {
             tracing::warn!(
                 agent = id,
                 round = seat.round,
@@ -162,7 +165,7 @@ impl<'a> Agent<'a> {
     }
 
     fn live(&mut self) -> Result<Left, Failure> {
-        let mut started: Option<Instant> = None;
+        let mut started: Option<(Instant, Option<u64>)> = None;
         let mut deadline = Instant::now() + self.role.wait;
         let (mut world_gone, mut last_chance) = (false, false);
         let left = loop {
@@ -170,7 +173,8 @@ impl<'a> Agent<'a> {
                 Ok(Event::Message { key, payload }) => match self.role.keys.parse(&key) {
                     Some(Key::Schedule) => self.hear_rates(&payload),
                     Some(Key::Observe(_)) => {
-                        let started = started.get_or_insert_with(Instant::now);
+                        let (started, _) =
+                            started.get_or_insert_with(|| (Instant::now(), process::allocations()));
                         deadline = Instant::now() + self.role.wait;
                         (world_gone, last_chance) = (false, false);
                         if let Some(left) = self.hear_tick(&payload)? {
@@ -208,6 +212,9 @@ impl<'a> Agent<'a> {
             ignored_messages: self.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),
             cpu_seconds: process::cpu_seconds(),
+            allocations: process::allocations()
+                .zip(started.and_then(|(_, allocations)| allocations))
+                .map(|(now, before)| now - before),
             traffic: self.role.traffic(),
         })?;
         Ok(left)
@@ -223,7 +230,7 @@ impl<'a> Agent<'a> {
     /// Answers a tick; the reason to leave, if it closes the run.
     fn hear_tick(&mut self, payload: &[u8]) -> Result<Option<Left>, Failure> {
         let mut observe = std::mem::take(&mut self.round.observe);
-        let decoded = timed(&mut self.seconds.messages, || observe.decode(payload));
+        let decoded = timed(&mut self.seconds.encode, || observe.decode(payload));
         let result = match decoded {
             Ok(()) => self.take_tick(&observe),
             Err(error) => {
@@ -297,14 +304,14 @@ impl<'a> Agent<'a> {
         (reply.mode, reply.epoch, reply.round, reply.tick) = (id.mode, id.epoch, id.round, id.tick);
         reply.actions.clear();
         fill(self, &mut reply.actions);
-        timed(&mut self.seconds.messages, || reply.encode(&mut self.round.reply_bytes));
+        timed(&mut self.seconds.encode, || reply.encode(&mut self.round.reply_bytes));
         self.round.reply = reply;
         self.round.answered = Some(id);
         self.send_reply()
     }
 
     fn send_reply(&mut self) -> Result<(), Failure> {
-        Ok(timed(&mut self.seconds.messages, || self.act.send(&self.round.reply_bytes))?)
+        Ok(timed(&mut self.seconds.send, || self.act.send(&self.round.reply_bytes))?)
     }
 
     /// The update calls that end a round, and what follows from them.

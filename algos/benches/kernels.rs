@@ -72,6 +72,7 @@ impl Pass {
     fn bench(&self, bencher: Bencher) {
         let (mut to, mut gradient) = (Activations::default(), vec![0.0; self.values.len()]);
         bencher.counter(ItemsCount::new(self.flops())).bench_local(|| {
+            gradient.fill(0.0);
             self.network.forward(&self.values, &self.obs, &self.steps, &mut to);
             self.network.backward(&self.values, &self.obs, &self.steps, &self.d_out, &mut to, &mut gradient);
             black_box(&gradient);

@@ -26,7 +26,7 @@ mod passes {
         pub fn backward(&mut self, _: &Steps, _: &[f32], _: &mut [f32]) {
             match *self {}
         }
-        pub fn act(&mut self, _: &Network, _: &[f32], _: &[f32], _: usize, _: &mut [f32], _: &mut Vec<f32>) {
+        pub fn act(&self, _: &Network, _: &[f32], _: &[f32], _: usize, _: &mut [f32], _: &mut Vec<f32>) {
             match *self {}
         }
     }
@@ -34,9 +34,11 @@ mod passes {
 
 use std::fmt;
 use std::str::FromStr;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 
 pub(crate) use passes::Passes;
+
+use crate::parts::PartSize;
 
 /// From this many rows on a tick is computed on the GPU; below, the way there and back is taken to cost more than
 /// it saves. A guess: nobody has measured it yet.
@@ -124,7 +126,7 @@ impl DeviceName {
         }
     }
 
-    /// The device itself, to be used in the thread that opens it.
+    /// The device itself.
     ///
     /// # Errors
     /// [`DeviceError::NotBuilt`], or [`DeviceError::Unusable`] if there is no such GPU.
@@ -134,8 +136,8 @@ impl DeviceName {
             Self::Cpu => Ok(Device::default()),
             #[cfg(feature = "cuda")]
             Self::Cuda(number) => {
-                let reason = |error: candle_core::Error| passes::first_line(&error);
-                let unusable = |error| DeviceError::Unusable { name: self, reason: reason(error) };
+                let unusable =
+                    |error| DeviceError::Unusable { name: self, reason: passes::first_line(&error) };
                 Ok(Device::of_candle(candle_core::Device::new_cuda(number).map_err(unusable)?))
             }
             #[cfg(not(feature = "cuda"))]
@@ -148,19 +150,26 @@ impl DeviceName {
 #[derive(Clone, Debug, Default)]
 pub struct Device {
     passes: Option<Passes>,
-    failure: Failure,
+    shared: Arc<Shared>,
 }
 
-/// The first computation that failed, if one has. Whatever computes on a device shares it: results after a
-/// failure are zeros, and whoever owns the learner asks here before anything is made of them.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Failure(Arc<OnceLock<String>>);
+/// What all passes on one device share.
+#[derive(Debug, Default)]
+pub(crate) struct Shared {
+    /// The first computation that failed, if one has: results after it are zeros, and whoever owns the learner
+    /// asks for it before anything is made of them.
+    failure: OnceLock<String>,
+    /// Held during a pass. Every pass ends by waiting for its result, so that what one thread has left on the
+    /// device is complete when another goes on, and cuBLAS has one user at a time.
+    #[cfg_attr(not(any(test, feature = "cuda")), allow(dead_code))]
+    turn: Mutex<()>,
+}
 
 impl Device {
     #[cfg(any(test, feature = "cuda"))]
     pub(crate) fn of_candle(device: candle_core::Device) -> Self {
-        let failure = Failure::default();
-        Self { passes: Some(Passes::on(device, failure.clone())), failure }
+        let shared = Arc::<Shared>::default();
+        Self { passes: Some(Passes::on(device, shared.clone())), shared }
     }
 
     /// What a network needs to compute here, with buffers of its own; none on the CPU.
@@ -168,12 +177,21 @@ impl Device {
         self.passes.clone()
     }
 
+    /// How much of a batch one pass takes.
+    pub(crate) fn part_size(&self) -> PartSize {
+        if self.passes.is_some() {
+            PartSize::Gpu
+        } else {
+            PartSize::Cache
+        }
+    }
+
     /// Whether everything computed so far was computed.
     ///
     /// # Errors
     /// [`DeviceError::Failed`] with the first failure. The learner's state is then of no use.
     pub fn check(&self) -> Result<(), DeviceError> {
-        self.failure.0.get().map_or(Ok(()), |reason| Err(DeviceError::Failed(reason.clone())))
+        self.shared.failure.get().map_or(Ok(()), |reason| Err(DeviceError::Failed(reason.clone())))
     }
 }
 

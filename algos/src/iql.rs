@@ -11,6 +11,8 @@
 //! As in [`crate::ppo`] the sums run over the team in the reference, so that one agent's gradient is `1/n`
 //! of its own mean loss (§3.3), and the norm of the clip is this agent's alone.
 //!
+//! The minibatch goes through the networks in parts that fit the cache; the gradients of the parts add up.
+//!
 //! Which episodes an update call learns from is the caller's choice ([`sample_distinct`]); multi-timescale
 //! learning (§6) is in the rates that it passes. Absent on purpose: a Huber loss, targets of several
 //! steps, prioritised replay, importance weights, RMSProp.
@@ -30,7 +32,7 @@ use crate::reward_stats::{RewardStats, Standardisation};
 use crate::rollout::Episode;
 use crate::saved::{self, NamedTensor, RestoreError, Vector};
 use crate::target;
-use batch::Batch;
+use batch::{Batch, Part};
 
 pub use draws::{epsilon, sample_distinct};
 
@@ -110,8 +112,9 @@ pub struct Iql {
 #[derive(Clone, Debug, Default)]
 struct Work {
     batch: Batch,
+    part: Part,
     activations: Activations,
-    /// q̄, `rows × n_actions`.
+    /// q̄ of the part, `rows × n_actions`.
     target_q: Vec<f32>,
     d_q: Vec<f32>,
     gradient: Vec<f32>,
@@ -142,6 +145,7 @@ impl Iql {
     pub fn compute_on(&mut self, device: &Device) {
         self.acting.compute_on(device);
         self.work.activations.on = device.passes();
+        self.work.batch.part_size = device.part_size();
     }
 
     /// Update calls completed, the `u` of the schedule.
@@ -182,17 +186,21 @@ impl Iql {
     /// If there is no episode, or one without steps.
     pub fn update(&mut self, episodes: &[Episode], lr: f64) -> UpdateStats {
         assert!(!episodes.is_empty(), "an update call has episodes to learn from");
-        let Work { batch, activations: to, target_q, d_q, gradient } = &mut self.work;
-        let (obs_size, n_actions) = (self.network.inputs, self.network.outputs);
-        batch.fill(episodes, obs_size, n_actions, self.config.time_limit_is_terminal);
+        let Work { batch, part, activations: to, target_q, d_q, gradient } = &mut self.work;
+        batch.begin(episodes, &self.network);
         self.reward_stats.standardise(self.config.reward_standardisation, &mut batch.rewards);
 
-        // The target network first, so that what stays in the buffers is the pass to go back through.
-        self.network.forward(&self.target_values, &batch.obs, &batch.steps, to);
-        std::mem::swap(&mut to.out, target_q);
-        self.network.forward(&self.values, &batch.obs, &batch.steps, to);
-        let mut stats = self.config.temporal_differences(batch, &to.out, target_q, d_q);
-        self.network.backward(&self.values, &batch.obs, &batch.steps, d_q, to, gradient);
+        let mut stats = UpdateStats::default();
+        gradient.fill(0.0);
+        for k in 0..batch.parts.len() {
+            part.fill(batch, k, episodes, &self.network, self.config.time_limit_is_terminal);
+            // The target network first, so that what stays in the buffers is the pass to go back through.
+            self.network.forward(&self.target_values, &part.obs, &part.steps, to);
+            std::mem::swap(&mut to.out, target_q);
+            self.network.forward(&self.values, &part.obs, &part.steps, to);
+            self.config.temporal_differences(part, batch.count, &to.out, target_q, d_q, &mut stats);
+            self.network.backward(&self.values, &part.obs, &part.steps, d_q, to, gradient);
+        }
         let (norm, factor) = clip(gradient, self.config.max_grad_norm);
         if lr > 0.0 || !self.config.hold_frozen_moments {
             self.adam.step(&mut self.values, gradient, factor, lr);
@@ -249,32 +257,35 @@ impl Iql {
 }
 
 impl Config {
-    /// Writes the gradient of the loss by `q` into `d_q`; both are `rows × n_actions`, as `target_q` is.
+    /// Writes the gradient of the loss by `q` into `d_q`; both are `rows × n_actions`, as `target_q` is. Adds the
+    /// part's share to `stats`. `count`: `Σ m` of the whole minibatch.
     ///
     /// ```text
     /// ∂L/∂q[t, a_t] = 2 (q − y) / (n Σ m), and nothing anywhere else
     /// ```
     fn temporal_differences(
         &self,
-        batch: &Batch,
+        part: &Part,
+        count: usize,
         q: &[f32],
         target_q: &[f32],
         d_q: &mut Vec<f32>,
-    ) -> UpdateStats {
-        let n_actions = q.len() / batch.steps.rows();
-        let count = batch.transitions.len() as f64;
+        stats: &mut UpdateStats,
+    ) {
+        let n_actions = q.len() / part.steps.rows();
+        let count = count as f64;
         let scale = (2.0 / (count * self.agents as f64)) as f32;
         d_q.clear();
         d_q.resize(q.len(), 0.0);
         let mut sum = UpdateStats::default();
-        for step in &batch.transitions {
+        for step in &part.transitions {
             let taken = step.row * n_actions + usize::from(step.action);
-            let mut y = batch.rewards[step.reward];
+            let mut y = step.reward;
             if !step.terminal {
                 let next = step.next * n_actions..(step.next + 1) * n_actions;
                 let chooser = if self.double_q { q } else { target_q };
-                let best = draws::greedy(&chooser[next.clone()], &batch.avail[next.clone()]);
-                let allowed = batch.avail[next.start + best] != 0;
+                let best = draws::greedy(&chooser[next.clone()], &part.avail[next.clone()]);
+                let allowed = part.avail[next.start + best] != 0;
                 y += self.gamma * if allowed { target_q[next.start + best] } else { FORBIDDEN };
             }
             let error = q[taken] - y;
@@ -284,13 +295,10 @@ impl Config {
             sum.q_taken_mean += f64::from(q[taken]);
             sum.target_mean += f64::from(y);
         }
-        UpdateStats {
-            loss: sum.loss / count,
-            grad_norm: 0.0,
-            td_error_abs: sum.td_error_abs / count,
-            q_taken_mean: sum.q_taken_mean / count,
-            target_mean: sum.target_mean / count,
-        }
+        stats.loss += sum.loss / count;
+        stats.td_error_abs += sum.td_error_abs / count;
+        stats.q_taken_mean += sum.q_taken_mean / count;
+        stats.target_mean += sum.target_mean / count;
     }
 }
 

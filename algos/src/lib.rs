@@ -16,6 +16,7 @@ mod acting;
 pub mod adam;
 pub mod network;
 pub mod params;
+mod parts;
 pub mod returns;
 pub mod reward_stats;
 pub mod saved;

@@ -9,7 +9,7 @@
 
 use crate::device::{Passes, ROWS_TO_ACT_ON_GPU};
 use crate::kernels::gru::{Gru, GruCache, GruGradient, Steps};
-use crate::kernels::linear::{relu_backward, weight_gradient, Linear};
+use crate::kernels::linear::{add_weight_gradient, relu_backward, Linear};
 use crate::params::{take, take_mut, Block};
 
 /// Which of the two shapes.
@@ -136,8 +136,9 @@ impl Network {
         }
     }
 
-    /// Writes the gradient of all parameters into `gradient`, from `d_out` (`rows × outputs`), the
-    /// gradient of the loss by what the preceding [`Network::forward`] left in `from.out`.
+    /// Adds the gradient of all parameters to `gradient`, from `d_out` (`rows × outputs`), the gradient of the
+    /// loss by what the preceding [`Network::forward`] left in `from.out`. Adding, because a batch comes in
+    /// parts.
     pub fn backward(
         &self,
         values: &[f32],
@@ -160,7 +161,7 @@ impl Network {
             Middle::Fc(linear) => {
                 let (w, b) = (take_mut(rest, h * h), take_mut(rest, h));
                 relu_backward(&from.h, &mut from.dh);
-                weight_gradient(&from.x, &from.dh, rows, w, b);
+                add_weight_gradient(&from.x, &from.dh, rows, w, b);
                 linear.input_gradient(&from.dh, rows, &mut from.dx);
             }
             Middle::Gru(gru) => {
@@ -174,15 +175,21 @@ impl Network {
             }
         }
         let state = if self.kind == Kind::Fc { &from.h } else { &from.gru.h };
-        weight_gradient(state, d_out, rows, take_mut(rest, h * self.outputs), take_mut(rest, self.outputs));
+        add_weight_gradient(
+            state,
+            d_out,
+            rows,
+            take_mut(rest, h * self.outputs),
+            take_mut(rest, self.outputs),
+        );
         relu_backward(&from.x, &mut from.dx);
-        weight_gradient(o, &from.dx, rows, first_w, first_b);
+        add_weight_gradient(o, &from.dx, rows, first_w, first_b);
     }
 
     /// One time step for `rows` rows while acting; the result is `work.out`. `state` (`rows × H`) is
     /// advanced by a recurrent network and ignored by a feed-forward one.
     pub fn act(&self, values: &[f32], o: &[f32], rows: usize, state: &mut [f32], work: &mut ActWork) {
-        if let Some(device) = work.on.as_mut().filter(|_| rows >= ROWS_TO_ACT_ON_GPU) {
+        if let Some(device) = work.on.as_ref().filter(|_| rows >= ROWS_TO_ACT_ON_GPU) {
             return device.act(self, values, o, rows, state, &mut work.out);
         }
         let layers = self.layers(values);

@@ -15,6 +15,9 @@
 //! loss (§3.3); the factor is kept because it matters for the clip, whose norm is this agent's alone
 //! (`clip_scope = per_agent`): agents never see each other's gradients.
 //!
+//! The batch goes through the networks in parts that fit the cache. Gradients add up over the parts of an epoch, so
+//! that these are no minibatches; the critic's step waits for the actor's pass, which does not look at its weights.
+//!
 //! Multi-timescale learning (§6) is no other algorithm: the caller passes this call's learning rates,
 //! and Adam's moments are kept when they change. Absent on purpose: GAE, advantage normalisation,
 //! minibatches, value clipping, early stopping, rate decay.
@@ -28,14 +31,15 @@ use serde::{Deserialize, Serialize};
 use crate::acting::Acting;
 use crate::adam::{clip, Adam};
 use crate::device::Device;
+use crate::kernels::gru::Steps;
 use crate::network::{Activations, Kind, Network};
 use crate::params::initial;
 use crate::returns::EndOfBatch;
 use crate::reward_stats::{RewardStats, Standardisation};
-use crate::rollout::Rollout;
+use crate::rollout::{Episode, Rollout};
 use crate::saved::{self, Vector};
 use crate::target;
-use batch::Batch;
+use batch::{Batch, Part};
 
 pub use crate::saved::{NamedTensor, RestoreError};
 
@@ -130,20 +134,23 @@ pub struct Ppo {
     update_calls: u64,
     last_target_copy: u64,
     acting: Acting,
+    batch: Batch,
     work: Work,
 }
 
 /// Buffers of an update call, kept so that none is allocated twice.
 #[derive(Clone, Debug, Default)]
 struct Work {
-    batch: Batch,
-    actor: Activations,
-    critic: Activations,
+    part: Part,
+    /// Of whichever network is at it.
+    activations: Activations,
     actor_gradient: Vec<f32>,
     critic_gradient: Vec<f32>,
+    /// `A` of the part's rows.
     advantages: Vec<f32>,
     d_values: Vec<f32>,
     d_logits: Vec<f32>,
+    /// Of all rows, part after part.
     log_p_old: Vec<f32>,
 }
 
@@ -163,6 +170,7 @@ impl Ppo {
             update_calls: 0,
             last_target_copy: 0,
             acting: Acting::default(),
+            batch: Batch::default(),
             work: Work {
                 actor_gradient: vec![0.0; actor_values.len()],
                 critic_gradient: vec![0.0; critic_values.len()],
@@ -180,8 +188,8 @@ impl Ppo {
     /// what an update call or an action came to.
     pub fn compute_on(&mut self, device: &Device) {
         self.acting.compute_on(device);
-        self.work.actor.on = device.passes();
-        self.work.critic.on = device.passes();
+        self.work.activations.on = device.passes();
+        self.batch.part_size = device.part_size();
     }
 
     /// Update calls completed, the `u` of the schedule.
@@ -225,17 +233,26 @@ impl Ppo {
     /// # Panics
     /// If there is an episode without steps.
     pub fn update(&mut self, rollout: &Rollout, lr: f64) -> UpdateStats {
-        let mut batch = std::mem::take(&mut self.work.batch);
-        batch.fill(rollout, self.actor.inputs, self.actor.outputs);
+        let mut batch = std::mem::take(&mut self.batch);
+        batch.begin(rollout.episodes(), &self.actor);
         self.reward_stats.standardise(self.config.reward_standardisation, &mut batch.rewards);
-        self.compute_returns(&mut batch);
+        self.compute_returns(&mut batch, rollout.episodes());
 
         let mut sum = UpdateStats::default();
-        for epoch in 0..self.config.epochs {
-            self.critic_step(&batch, lr, &mut sum);
-            self.actor_step(&batch, epoch, lr, &mut sum);
+        self.work.log_p_old.clear();
+        for _ in 0..self.config.epochs {
+            self.work.critic_gradient.fill(0.0);
+            self.work.actor_gradient.fill(0.0);
+            let mut done = 0;
+            for part in 0..batch.parts.len() {
+                self.work.part.fill(&batch, part, rollout.episodes());
+                self.add_critic_gradient(batch.rows, &mut sum);
+                self.add_actor_gradient(batch.rows, done, &mut sum);
+                done += self.work.part.steps.rows();
+            }
+            self.step(lr, &mut sum);
         }
-        self.work.batch = batch;
+        self.batch = batch;
         self.update_calls += 1;
         let (rule, target) = (self.config.target_update, &mut self.target_values);
         target::update(rule, self.update_calls, &mut self.last_target_copy, target, &self.critic_values);
@@ -243,63 +260,73 @@ impl Ppo {
     }
 
     /// Values of the target critic and, from them, `G` of every step: the same in all epochs.
-    fn compute_returns(&mut self, batch: &mut Batch) {
-        let to = &mut self.work.critic;
-        self.critic.forward(&self.target_values, &batch.obs, &batch.steps, to);
-        batch.scatter_values(&to.out);
-        self.critic.forward(&self.target_values, &batch.final_obs, &batch.final_steps(), to);
-        batch.place_final_values(&to.out);
-        batch.compute_returns(self.config.n_step, self.config.gamma, self.config.end_of_batch);
+    fn compute_returns(&mut self, batch: &mut Batch, episodes: &[Episode]) {
+        let Work { part, activations: to, .. } = &mut self.work;
+        let nothing = vec![0.0; self.critic.inputs];
+        self.critic.forward(&self.target_values, &nothing, &Steps::of_lengths(&[1]), to);
+        let padding = to.out[0];
+        for k in 0..batch.parts.len() {
+            part.fill_observations(batch, k, episodes);
+            self.critic.forward(&self.target_values, &part.obs, &part.steps, to);
+            batch.place_values(part, &to.out, padding);
+        }
+        batch.compute_returns(episodes, self.config.n_step, self.config.gamma, self.config.end_of_batch);
     }
 
-    fn critic_step(&mut self, batch: &Batch, lr: f64, sum: &mut UpdateStats) {
-        let Work { critic: to, critic_gradient: gradient, advantages, d_values, .. } = &mut self.work;
-        let rows = batch.steps.rows() as f64;
+    /// The critic's pass over the rows of one part, which leaves their advantages; `rows`: of the whole batch.
+    fn add_critic_gradient(&mut self, rows: usize, sum: &mut UpdateStats) {
+        let Work { part, activations: to, critic_gradient: gradient, advantages, d_values, .. } =
+            &mut self.work;
         // dL/dV = 2 (V − G) / (n Σ m)
-        let scale = (2.0 / (rows * self.config.agents as f64)) as f32;
-        self.critic.forward(&self.critic_values, &batch.obs, &batch.steps, to);
+        let scale = (2.0 / (rows as f64 * self.config.agents as f64)) as f32;
+        self.critic.forward(&self.critic_values, &part.obs, &part.steps, to);
         advantages.clear();
-        advantages.extend(batch.returns.iter().zip(&to.out).map(|(g, v)| g - v));
+        advantages.extend(part.returns.iter().zip(&to.out).map(|(g, v)| g - v));
         d_values.clear();
         d_values.extend(advantages.iter().map(|a| -a * scale));
-        self.critic.backward(&self.critic_values, &batch.obs, &batch.steps, d_values, to, gradient);
-        let (norm, factor) = clip(gradient, self.config.max_grad_norm);
-        if lr > 0.0 || !self.config.hold_frozen_moments {
-            self.critic_adam.step(&mut self.critic_values, gradient, factor, lr);
-        }
-        let mean = |f: &dyn Fn(f64) -> f64, x: &[f32]| x.iter().map(|&x| f(f64::from(x))).sum::<f64>() / rows;
-        sum.critic_loss += mean(&|a| a * a, advantages);
-        sum.advantage_mean += mean(&|a| a, advantages);
-        sum.target_mean += mean(&|g| g, &batch.returns);
-        sum.critic_grad_norm += norm;
+        self.critic.backward(&self.critic_values, &part.obs, &part.steps, d_values, to, gradient);
+        let share =
+            |f: &dyn Fn(f64) -> f64, x: &[f32]| x.iter().map(|&x| f(f64::from(x))).sum::<f64>() / rows as f64;
+        sum.critic_loss += share(&|a| a * a, advantages);
+        sum.advantage_mean += share(&|a| a, advantages);
+        sum.target_mean += share(&|g| g, &part.returns);
     }
 
-    fn actor_step(&mut self, batch: &Batch, epoch: usize, lr: f64, sum: &mut UpdateStats) {
-        let Work { actor: to, actor_gradient: gradient, advantages, d_logits, log_p_old, .. } =
+    /// The actor's pass over the rows of one part, the first of which is row `first` of the batch's `rows`.
+    fn add_actor_gradient(&mut self, rows: usize, first: usize, sum: &mut UpdateStats) {
+        let Work { part, activations: to, actor_gradient: gradient, advantages, d_logits, log_p_old, .. } =
             &mut self.work;
-        self.actor.forward(&self.actor_values, &batch.obs, &batch.steps, to);
+        self.actor.forward(&self.actor_values, &part.obs, &part.steps, to);
         let terms = loss::Terms {
-            avail: &batch.avail,
-            actions: &batch.actions,
+            avail: &part.avail,
+            actions: &part.actions,
             advantages,
             clip: self.config.clip,
             entropy_coef: self.config.entropy_coef,
-            scale: 1.0 / (batch.steps.rows() as f32 * self.config.agents as f32),
+            scale: 1.0 / (rows as f32 * self.config.agents as f32),
         };
-        if epoch == 0 {
-            // The actor is still the one that acted, so this forward pass gives p_old.
+        if log_p_old.len() == first {
+            // The first epoch: the actor is still the one that acted, so this forward pass gives p_old.
             terms.log_probabilities(&to.out, log_p_old);
         }
-        let found = terms.gradient(&to.out, log_p_old, d_logits);
-        self.actor.backward(&self.actor_values, &batch.obs, &batch.steps, d_logits, to, gradient);
-        let (norm, factor) = clip(gradient, self.config.max_grad_norm);
+        let found = terms.gradient(&to.out, &log_p_old[first..], d_logits);
+        self.actor.backward(&self.actor_values, &part.obs, &part.steps, d_logits, to, gradient);
+        sum.actor_loss += found.loss / rows as f64;
+        sum.entropy += found.entropy / rows as f64;
+        sum.clip_fraction += f64::from(found.clipped) / rows as f64;
+    }
+
+    /// The step of critic and actor that ends an epoch.
+    fn step(&mut self, lr: f64, sum: &mut UpdateStats) {
+        let Work { critic_gradient, actor_gradient, .. } = &self.work;
+        let (critic_norm, critic_factor) = clip(critic_gradient, self.config.max_grad_norm);
+        let (actor_norm, actor_factor) = clip(actor_gradient, self.config.max_grad_norm);
         if lr > 0.0 || !self.config.hold_frozen_moments {
-            self.actor_adam.step(&mut self.actor_values, gradient, factor, lr);
+            self.critic_adam.step(&mut self.critic_values, critic_gradient, critic_factor, lr);
+            self.actor_adam.step(&mut self.actor_values, actor_gradient, actor_factor, lr);
         }
-        sum.actor_loss += found.loss;
-        sum.entropy += found.entropy;
-        sum.clip_fraction += found.clip_fraction;
-        sum.actor_grad_norm += norm;
+        sum.critic_grad_norm += critic_norm;
+        sum.actor_grad_norm += actor_norm;
     }
 
     /// All tensors of the learner, named; those of the optimisers start with `adam.`.

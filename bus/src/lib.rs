@@ -40,6 +40,7 @@
 mod endpoint;
 mod error;
 mod faults;
+mod inbox;
 mod key;
 mod ledger;
 mod memory;
@@ -52,6 +53,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 pub use error::Error;
+pub use inbox::{inbox, Events, Inbox};
 pub use ledger::{recorded, Ledger, Record, Sink, Traffic};
 pub use memory::{memory, MemoryHub};
 pub use options::{use_one_runtime, Options, LOW_LATENCY_MAX_BYTES};
@@ -82,9 +84,6 @@ pub enum Event {
     /// Never sent by the bus: `main` pushes it into a role's inbox when a signal arrives.
     Stop,
 }
-
-/// Where a side receives its events; clones may be given to any number of declarations.
-pub type Inbox = std::sync::mpsc::Sender<Event>;
 
 /// One side of the bus. What a side declares ends when its [`Guard`] or the side itself is dropped;
 /// after the latter its publishers answer [`Error::Closed`].

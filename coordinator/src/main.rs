@@ -2,9 +2,6 @@
 
 use std::process::ExitCode;
 
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// Tells every agent of a run which learning rate it has in which update call
 #[derive(clap::Parser)]
 #[command(name = "rondo-coordinator", version)]
@@ -15,6 +12,7 @@ struct Cli {
 
 fn main() -> ExitCode {
     bus::use_one_runtime();
+    process::do_not_preempt();
     process::exit_on_panic();
     match process::parse_arguments::<Cli>() {
         Ok(cli) => coordinator::main(&cli.arguments),

@@ -1,10 +1,9 @@
 //! What an agent is told that comes after the others.
 
-use std::sync::mpsc::{channel, Receiver};
 use std::thread;
 use std::time::Duration;
 
-use bus::Event;
+use bus::{Event, Events};
 use process::Role;
 use proto::codec::decode;
 use proto::config::AlgoName;
@@ -16,7 +15,7 @@ use store::RunFolder;
 const DEADLINE: Duration = Duration::from_secs(20);
 
 /// The first schedule that arrives.
-fn told(events: &Receiver<Event>) -> Rates {
+fn told(events: &Events) -> Rates {
     match events.recv_timeout(DEADLINE) {
         Ok(Event::Message { payload, .. }) => decode(&payload).expect("a schedule"),
         other => panic!("{other:?}"),
@@ -38,7 +37,7 @@ fn an_agent_that_comes_after_the_schedule_was_published_hears_it_too() {
     let coordinator = thread::spawn(move || coordinator::run(role));
     let mut guards = Vec::new();
     for (id, agent) in (0..).zip(&agents) {
-        let (inbox, events) = channel();
+        let (inbox, events) = bus::inbox();
         guards.push(agent.subscribe(&keys.schedule(), inbox).expect("a subscription"));
         guards.push(agent.announce(&keys.alive_agent(id)).expect("a token"));
         // The second agent comes only when the first has been told.

@@ -2,9 +2,6 @@
 
 use std::process::ExitCode;
 
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// Steps the shared world and tells each agent what that agent sees
 #[derive(clap::Parser)]
 #[command(name = "rondo-env-server", version)]
@@ -15,6 +12,7 @@ struct Cli {
 
 fn main() -> ExitCode {
     bus::use_one_runtime();
+    process::do_not_preempt();
     process::exit_on_panic();
     match process::parse_arguments::<Cli>() {
         Ok(cli) => env_server::main(&cli.arguments),

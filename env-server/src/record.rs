@@ -129,11 +129,13 @@ impl Edge {
 pub struct Seconds {
     /// Resetting and stepping worlds.
     pub world: f64,
-    /// Observing worlds, writing and reading messages.
-    pub messages: f64,
+    /// Observing worlds and writing messages.
+    pub encode: f64,
+    /// Handing messages to the bus.
+    pub send: f64,
     /// Waiting for actions in the middle of a round: the bus and the agents' inference.
     pub actions: f64,
-    /// Waiting at tick 0 of a round: the update calls.
+    /// Waiting at the last tick of a round, where whoever has answered begins to learn, and at tick 0 of the next.
     pub updates: f64,
     /// Tests, but for the wait at their tick 0.
     pub tests: f64,
@@ -158,6 +160,8 @@ pub struct Report {
     pub ignored_messages: u64,
     pub peak_memory_bytes: Option<u64>,
     pub cpu_seconds: Option<f64>,
+    /// In all threads of the process since the first tick; only where allocations are counted.
+    pub allocations: Option<u64>,
     /// When the first environment step was made, in seconds since 1970: a launcher tells from it how long the start
     /// took.
     pub first_step_at: Option<f64>,

@@ -1,9 +1,9 @@
 //! One round: episodes in all copies, in lock-step with the agents, tick by tick.
 
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use bus::{Event, Publisher};
+use bus::{Event, Events, Publisher};
 use process::{Failure, Ignored};
 use proto::exit;
 use proto::keys::{Key, Keys};
@@ -41,7 +41,7 @@ pub struct Team<'a> {
     pub keys: Keys,
     pub seats: Seats,
     pub observe: Vec<Publisher>,
-    pub events: &'a Receiver<Event>,
+    pub events: &'a Events,
     /// Longest silence of an agent before the run is given up.
     pub patience: Duration,
     /// [`Event::Stop`] has come: stop at the next round edge.
@@ -66,7 +66,7 @@ impl<'a> Team<'a> {
         keys: Keys,
         seats: Seats,
         observe: Vec<Publisher>,
-        events: &'a Receiver<Event>,
+        events: &'a Events,
         patience: Duration,
     ) -> Self {
         let agents = observe.len();
@@ -107,23 +107,27 @@ impl<'a> Team<'a> {
         self.seconds.world += start.elapsed().as_secs_f64();
         let mut id = first;
         loop {
-            let start = Instant::now();
             for agent in 0..self.observe.len() {
+                let start = Instant::now();
                 let observation = &mut self.observation;
                 (observation.mode, observation.epoch) = (id.mode, id.epoch);
                 (observation.round, observation.tick, observation.t_env) = (id.round, id.tick, t_env);
                 copies.show(agent, observation);
                 observation.encode(&mut self.messages[agent]);
+                let encoded = Instant::now();
                 self.observe[agent].send(&self.messages[agent])?;
+                self.seconds.encode += (encoded - start).as_secs_f64();
+                self.seconds.send += encoded.elapsed().as_secs_f64();
             }
             let sent = Instant::now();
-            self.seconds.messages += (sent - start).as_secs_f64();
             self.wait_for_answers(id, Some(copies))?;
             let waited = sent.elapsed().as_secs_f64();
-            // At tick 0 the agents first finish their update call.
-            *(if id.tick == 0 { &mut self.seconds.updates } else { &mut self.seconds.actions }) += waited;
+            let over = copies.running() == 0;
+            // After the last tick the agents learn, some before others have answered it; at tick 0 they finish.
+            let learning = over || id.tick == 0;
+            *(if learning { &mut self.seconds.updates } else { &mut self.seconds.actions }) += waited;
             self.ticks += 1;
-            if copies.running() == 0 {
+            if over {
                 return Ok(());
             }
             let start = Instant::now();
@@ -164,7 +168,10 @@ impl<'a> Team<'a> {
             // Whoever has answered may leave.
             let loss = self.seats.next_loss(GRACE, |agent| !self.answered[agent]);
             let next = loss.map_or(send_again, |(_, when)| when.min(send_again));
-            let event = self.events.recv_timeout(next.saturating_duration_since(Instant::now()));
+            // There is nothing to do before the last answer is in.
+            let missing = self.answered.iter().filter(|&&answered| !answered).count();
+            let time = next.saturating_duration_since(Instant::now());
+            let event = self.events.recv_together(missing, time);
             match event.map(|event| self.seats.hear(&self.keys, event)) {
                 Ok(Some(Event::Message { key, payload })) => match self.keys.parse(&key) {
                     Some(Key::Act(agent)) => self.hear(agent, &payload, id, copies),

@@ -92,6 +92,7 @@ pub fn run(role: Role) -> Result<Closed, Failure> {
         config,
         epoch,
         saved: (round > 0).then_some(round),
+        allocations_before: process::allocations(),
         steps_before: edge.t_env,
         edge,
         training: Copies::of(&task, config.world.copies, config.world.reward),
@@ -159,6 +160,8 @@ struct Server<'a> {
     epoch: u32,
     /// Round of the newest checkpoint.
     saved: Option<u64>,
+    /// Allocations of this process before the first tick.
+    allocations_before: Option<u64>,
     /// Environment steps that an earlier process counted.
     steps_before: u64,
     edge: Edge,
@@ -287,6 +290,9 @@ impl Server<'_> {
             ignored_messages: self.team.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),
             cpu_seconds: process::cpu_seconds(),
+            allocations: process::allocations()
+                .zip(self.allocations_before)
+                .map(|(now, before)| now - before),
             first_step_at: self.team.first_step_at,
             traffic: role.traffic(),
         })?;

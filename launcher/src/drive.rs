@@ -53,7 +53,9 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     let start = SystemTime::now();
     let mut display = Display::new(config, options.show);
     let mut roles: Box<dyn Roles> = match options.place {
-        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, options.device, &sender)?),
+        Place::InProcess => {
+            Box::new(InProcess::start(folder, config, options.wait, options.device, &sender)?)
+        }
         Place::Processes(transport) => {
             Box::new(ChildProcesses::start(folder, config, &options, transport, &sender)?)
         }

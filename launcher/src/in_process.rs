@@ -1,6 +1,6 @@
 //! All roles as threads of this process, on a bus in memory: the same functions, the same bits.
 
-use std::sync::mpsc::{channel, Sender};
+use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -39,7 +39,7 @@ impl InProcess {
         let monitor = hub.connect();
         listen(&*monitor, config, news.clone())?;
         let mut roles =
-            Self { _monitor: monitor, world: channel().0, others: vec![], threads: vec![], stops: 0 };
+            Self { _monitor: monitor, world: bus::inbox().0, others: vec![], threads: vec![], stops: 0 };
         let mut begin = |name: String, run: Box<Run>| -> Result<Inbox, Failure> {
             let role = Role::new(hub.connect(), config.clone(), folder.role(&name)?, wait)?;
             let (stop, news) = (role.inbox.clone(), news.clone());

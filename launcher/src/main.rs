@@ -25,9 +25,6 @@ use clap::{Parser, Subcommand};
 use process::Failure;
 use proto::exit;
 
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
 /// Cooperative multi-agent reinforcement learning where every agent is a process of its own
 #[derive(Parser)]
 #[command(name = "rondo", version, after_help = EXIT_CODES)]
@@ -79,6 +76,7 @@ enum Command {
 
 fn main() -> ExitCode {
     bus::use_one_runtime();
+    process::do_not_preempt();
     process::exit_on_panic();
     let cli = match process::parse_arguments::<Cli>() {
         Ok(cli) => cli,

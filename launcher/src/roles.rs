@@ -1,6 +1,6 @@
 //! What a run's roles tell the launcher and can be told by it, wherever they run.
 
-use std::sync::mpsc::{channel, Sender};
+use std::sync::mpsc::Sender;
 
 use bus::{Bus, Event};
 use process::Failure;
@@ -54,7 +54,7 @@ pub trait Roles {
 /// If the bus refuses the subscriptions.
 pub fn listen(bus: &dyn Bus, config: &Config, news: Sender<News>) -> Result<(), Failure> {
     let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
-    let (inbox, events) = channel();
+    let (inbox, events) = bus::inbox();
     let guards = [
         bus.subscribe(&keys.any_agent_metrics(), inbox.clone())?,
         bus.subscribe(&keys.world_metrics(), inbox)?,

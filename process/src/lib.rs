@@ -1,6 +1,7 @@
 //! What the process of every role does the same way: common arguments, logs, signals, the watch over
 //! the launcher, exit codes. Nothing here decides anything about a run's result.
 
+mod allocator;
 mod arguments;
 mod failure;
 mod ignored;
@@ -8,14 +9,17 @@ mod logs;
 mod record;
 mod role;
 mod scalars;
+mod scheduling;
 mod usage;
 mod watch;
 
+pub use allocator::allocations;
 pub use arguments::Common;
 pub use failure::{exit_on_panic, parse_arguments, report, Failure};
 pub use ignored::Ignored;
 pub use logs::start_logs;
 pub use role::Role;
 pub use scalars::Scalars;
+pub use scheduling::do_not_preempt;
 pub use usage::{cpu_seconds, peak_memory_bytes};
 pub use watch::{leave_with_launcher, LISTENING};

@@ -1,10 +1,9 @@
 //! What a role works with, wherever it runs: as a process of its own or as a thread beside others.
 
-use std::sync::mpsc::{channel, Receiver};
 use std::sync::Arc;
 use std::time::Duration;
 
-use bus::{Bus, Event, Inbox};
+use bus::{Bus, Events, Inbox};
 use proto::config::Config;
 use proto::exit;
 use proto::keys::Keys;
@@ -27,7 +26,7 @@ pub struct Role {
     /// Where everything arrives that the role reads from `events`.
     pub inbox: Inbox,
     /// The one place that the role listens to.
-    pub events: Receiver<Event>,
+    pub events: Events,
 }
 
 impl Role {
@@ -42,7 +41,7 @@ impl Role {
         wait: Duration,
     ) -> Result<Self, Failure> {
         let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
-        let (inbox, events) = channel();
+        let (inbox, events) = bus::inbox();
         Ok(Self { config, keys, folder, bus, wait, inbox, events })
     }
 

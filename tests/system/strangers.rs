@@ -1,7 +1,6 @@
 //! Peers that send anything at all: garbage is dropped, the wrong ones are refused with a reason, and the run
 //! does not notice.
 
-use std::sync::mpsc::channel;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -180,7 +179,7 @@ fn a_message_too_large_for_the_fast_transport_is_refused_where_it_is_sent() {
     let error = publisher.send(&vec![1; bus::LOW_LATENCY_MAX_BYTES + 1]).expect_err("too large");
     assert!(matches!(error, bus::Error::TooLarge { .. }), "{error}");
     // The link is still there.
-    let (inbox, _events) = channel();
+    let (inbox, _events) = bus::inbox();
     let _watch = stranger.watch(&keys().any_alive(), inbox).expect("a watch");
     drop(world);
 }

@@ -4,11 +4,13 @@
 //! walk, relu'(0) is 0 as elsewhere, and what a recurrent network needs of all its steps is computed for all of
 //! them at once. Inside the loops over time remain a dozen small operations per step forward and five back.
 //!
-//! A pass copies its inputs and weights to the device and waits once, for its result.
+//! A pass copies its inputs and weights to the device, and waits for nothing but its result.
+
+use std::sync::{Arc, MutexGuard, PoisonError};
 
 use candle_core::{DType, Device, Result, Tensor};
 
-use super::Failure;
+use super::Shared;
 use crate::kernels::gru::Steps;
 use crate::network::Network;
 
@@ -16,11 +18,16 @@ use crate::network::Network;
 #[derive(Clone, Debug)]
 pub struct Passes {
     device: Device,
-    failure: Failure,
+    shared: Arc<Shared>,
     kept: Option<Kept>,
 }
 
-/// The borrowed layers of a network, in the names of its blocks.
+/// Waits until no other pass is on the device. Nothing is left halfway by one that panicked.
+fn turn(shared: &Shared) -> MutexGuard<'_, ()> {
+    shared.turn.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The layers of a network, on the device.
 #[derive(Clone, Debug)]
 struct Layers {
     first: Linear,
@@ -71,8 +78,8 @@ struct Cell {
 }
 
 impl Passes {
-    pub fn on(device: Device, failure: Failure) -> Self {
-        Self { device, failure, kept: None }
+    pub fn on(device: Device, shared: Arc<Shared>) -> Self {
+        Self { device, shared, kept: None }
     }
 
     /// As [`Network::forward`]; `out` becomes `rows × outputs`, zeros after a failure.
@@ -84,25 +91,27 @@ impl Passes {
         steps: &Steps,
         out: &mut Vec<f32>,
     ) {
+        let shared = self.shared.clone();
+        let _turn = turn(&shared);
         let result = self.try_forward(network, values, o, steps);
         *out = self.noted(result).unwrap_or_else(|| vec![0.0; steps.rows() * network.outputs]);
     }
 
-    /// As [`Network::backward`], of the preceding [`Passes::forward`]; zeros after a failure.
+    /// As [`Network::backward`], of the preceding [`Passes::forward`]; adds nothing after a failure.
     pub fn backward(&mut self, steps: &Steps, d_out: &[f32], gradient: &mut [f32]) {
+        let shared = self.shared.clone();
+        let _turn = turn(&shared);
         let result = match self.kept.take() {
             Some(kept) => kept.backward(steps, d_out, &self.device),
             None => Err(candle_core::Error::msg("there is no forward pass to go back through")),
         };
-        match self.noted(result) {
-            Some(found) => gradient.copy_from_slice(&found),
-            None => gradient.fill(0.0),
-        }
+        let found = self.noted(result).unwrap_or_default();
+        gradient.iter_mut().zip(found).for_each(|(sum, part)| *sum += part);
     }
 
     /// As [`Network::act`]; `out` becomes `rows × outputs`, zeros after a failure.
     pub fn act(
-        &mut self,
+        &self,
         network: &Network,
         values: &[f32],
         o: &[f32],
@@ -110,12 +119,13 @@ impl Passes {
         state: &mut [f32],
         out: &mut Vec<f32>,
     ) {
+        let _turn = turn(&self.shared);
         let result = self.try_act(network, values, o, rows, state);
         *out = self.noted(result).unwrap_or_else(|| vec![0.0; rows * network.outputs]);
     }
 
     fn noted<T>(&self, result: Result<T>) -> Option<T> {
-        result.map_err(|error| self.failure.0.get_or_init(|| first_line(&error)).len()).ok()
+        result.map_err(|error| self.shared.failure.get_or_init(|| first_line(&error)).len()).ok()
     }
 
     fn try_forward(

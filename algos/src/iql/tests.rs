@@ -28,13 +28,27 @@ fn episode(avail: &[[u8; 3]], actions: &[u16], rewards: &[f32], end: End) -> Epi
     }
 }
 
+/// All of `episodes`, with three actions.
+fn part(episodes: &[Episode], time_limit_is_terminal: bool) -> Part {
+    let network = Network { kind: Kind::Fc, inputs: 1, hidden: 8, outputs: 3 };
+    let (mut batch, mut part) = (Batch::default(), Part::default());
+    batch.begin(episodes, &network);
+    part.fill(&batch, 0, episodes, &network, time_limit_is_terminal);
+    part
+}
+
+/// What `config` finds on the part, which is the whole minibatch.
+fn found(config: &Config, part: &Part, q: &[f32], target_q: &[f32]) -> (Vec<f32>, UpdateStats) {
+    let (mut d_q, mut stats) = (vec![f32::NAN], UpdateStats::default());
+    config.temporal_differences(part, part.transitions.len(), q, target_q, &mut d_q, &mut stats);
+    (d_q, stats)
+}
+
 /// Two episodes of 2 and 1 steps. Rows: (a, 0), (b, 0), (a, 1), (b, 1), (a, 2).
-fn batch(time_limit_is_terminal: bool) -> Batch {
-    let mut batch = Batch::default();
+fn two_episodes(time_limit_is_terminal: bool) -> Part {
     let a = episode(&[[1, 1, 1], [1, 0, 1], [0, 1, 1]], &[1, 2], &[1.0, 2.0], End::TimeLimit);
     let b = episode(&[[1, 1, 1], [1, 1, 1]], &[0], &[-1.0], End::Terminated);
-    batch.fill(&[a, b], 1, 3, time_limit_is_terminal);
-    batch
+    part(&[a, b], time_limit_is_terminal)
 }
 
 const Q: [f32; 15] = [
@@ -55,8 +69,7 @@ const TARGET_Q: [f32; 15] = [
 /// `q − y` of the steps (a, 0), (b, 0), (a, 1), read off the gradient `2 (q − y) / (n Σ m)`, with the rest
 /// of the gradient checked to be zero.
 fn errors(config: &Config) -> [f32; 3] {
-    let mut d_q = vec![f32::NAN];
-    config.temporal_differences(&batch(config.time_limit_is_terminal), &Q, &TARGET_Q, &mut d_q);
+    let (d_q, _) = found(config, &two_episodes(config.time_limit_is_terminal), &Q, &TARGET_Q);
     let taken = [1, 3, 8];
     assert_eq!(d_q.len(), 15);
     assert!(d_q.iter().enumerate().all(|(i, &d)| d == 0.0 || taken.contains(&i)), "{d_q:?}");
@@ -67,7 +80,7 @@ fn errors(config: &Config) -> [f32; 3] {
 fn targets_are_those_worked_out_by_hand() {
     // y(a, 0) = 1 + 0.5·4 = 3, y(b, 0) = −1, y(a, 1) = 2 at the step limit; q is 1.5, 4 and 2.
     assert_eq!(errors(&config()), [-1.5, 5.0, 0.0]);
-    let stats = config().temporal_differences(&batch(true), &Q, &TARGET_Q, &mut vec![]);
+    let (_, stats) = found(&config(), &two_episodes(true), &Q, &TARGET_Q);
     let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{stats:?}");
     close(stats.loss, (1.5 * 1.5 + 5.0 * 5.0) / 3.0);
     close(stats.td_error_abs, 6.5 / 3.0);
@@ -91,18 +104,15 @@ fn without_double_q_the_target_network_chooses_among_the_allowed() {
 #[test]
 fn where_no_action_is_allowed_the_next_value_is_that_of_forbidden_ones() {
     // y = 0 − 0.5·9,999,999, as in the reference.
-    let mut batch = Batch::default();
-    batch.fill(&[episode(&[[1; 3], [0; 3]], &[0], &[0.0], End::TimeLimit)], 1, 3, false);
-    let stats = config().temporal_differences(&batch, &[1.0; 6], &[1.0; 6], &mut vec![]);
+    let part = part(&[episode(&[[1; 3], [0; 3]], &[0], &[0.0], End::TimeLimit)], false);
+    let (_, stats) = found(&config(), &part, &[1.0; 6], &[1.0; 6]);
     assert_eq!(stats.target_mean, -4_999_999.5);
 }
 
 #[test]
 fn the_gradient_is_that_of_the_loss_with_fixed_targets() {
     let config = Config { time_limit_is_terminal: false, ..config() };
-    let batch = batch(false);
-    let mut found = Vec::new();
-    config.temporal_differences(&batch, &Q, &TARGET_Q, &mut found);
+    let (found, _) = found(&config, &two_episodes(false), &Q, &TARGET_Q);
     // y by hand: see above. The loss of the team's mean is 1/n of this agent's.
     let (taken, y) = ([1, 3, 8], [3.0, -1.0, 1.0f64]);
     let loss = |q: &[f64; 15]| -> f64 {

@@ -13,7 +13,7 @@
 //! ([`Steps`]), so finished sequences cost nothing.
 
 use super::gemm::{add_product, product, Matrix};
-use super::math::{fill_rows, sigmoid, sum_rows, tanh, vectorized};
+use super::math::{add_rows, fill_rows, sigmoid, tanh, vectorized};
 
 /// How the rows of a batch of sequences are packed: time step by time step, the longest sequence first.
 ///
@@ -31,7 +31,14 @@ impl Steps {
     pub fn of_lengths(lengths: &[usize]) -> Self {
         debug_assert!(lengths.windows(2).all(|w| w[0] >= w[1]), "longest first");
         let longest = lengths.first().copied().unwrap_or(0);
-        let counts: Vec<usize> = (0..longest).map(|t| lengths.iter().filter(|&&l| l > t).count()).collect();
+        let mut running = lengths.len();
+        let count = |t: usize| {
+            while lengths[running - 1] <= t {
+                running -= 1;
+            }
+            running
+        };
+        let counts: Vec<usize> = (0..longest).map(count).collect();
         let offsets = counts.iter().scan(0, |sum, n| {
             let offset = *sum;
             *sum += n;
@@ -173,8 +180,8 @@ impl Gru<'_> {
         }
     }
 
-    /// The gradients of all weights, and of the inputs into `dx` (`rows × in`), from `dh`
-    /// (`rows × H`), the gradient of the loss by every state that [`Gru::forward`] left.
+    /// Adds the gradients of all weights to `gradient`, and writes that of the inputs into `dx` (`rows × in`),
+    /// from `dh` (`rows × H`), the gradient of the loss by every state that [`Gru::forward`] left.
     pub fn backward(
         &self,
         x: &[f32],
@@ -211,10 +218,10 @@ impl Gru<'_> {
 
         let d_gx = Matrix::new(&cache.gx, rows, 3 * hidden);
         let d_gh = Matrix::new(&cache.gh, rows, 3 * hidden);
-        product(gradient.w_i, Matrix::new(x, rows, inputs).t(), d_gx);
-        sum_rows(gradient.b_i, &cache.gx[..rows * 3 * hidden]);
-        product(gradient.w_h, Matrix::new(&cache.h_prev, rows, hidden).t(), d_gh);
-        sum_rows(gradient.b_h, &cache.gh[..rows * 3 * hidden]);
+        add_product(gradient.w_i, Matrix::new(x, rows, inputs).t(), d_gx);
+        add_rows(gradient.b_i, &cache.gx[..rows * 3 * hidden]);
+        add_product(gradient.w_h, Matrix::new(&cache.h_prev, rows, hidden).t(), d_gh);
+        add_rows(gradient.b_h, &cache.gh[..rows * 3 * hidden]);
         dx.resize(rows * inputs, 0.0);
         product(dx, d_gx, Matrix::new(self.w_i, inputs, 3 * hidden).t());
     }

@@ -9,7 +9,7 @@
 //! few rows nor the weight gradient needs a repacked copy.
 
 use super::gemm::{add_product, product, Matrix};
-use super::math::{fill_rows, sum_rows, vectorized};
+use super::math::{add_rows, fill_rows, vectorized};
 
 /// Borrowed weights of one layer.
 #[derive(Clone, Copy, Debug)]
@@ -47,12 +47,12 @@ impl Linear<'_> {
     }
 }
 
-/// Writes `dW = xᵀ dy` and `db = Σ_rows dy`.
-pub fn weight_gradient(x: &[f32], dy: &[f32], rows: usize, d_weight: &mut [f32], d_bias: &mut [f32]) {
+/// Adds `xᵀ dy` to `dW` and `Σ_rows dy` to `db`.
+pub fn add_weight_gradient(x: &[f32], dy: &[f32], rows: usize, d_weight: &mut [f32], d_bias: &mut [f32]) {
     let outputs = d_bias.len();
     let inputs = d_weight.len() / outputs;
-    product(d_weight, Matrix::new(x, rows, inputs).t(), Matrix::new(dy, rows, outputs));
-    sum_rows(d_bias, &dy[..rows * outputs]);
+    add_product(d_weight, Matrix::new(x, rows, inputs).t(), Matrix::new(dy, rows, outputs));
+    add_rows(d_bias, &dy[..rows * outputs]);
 }
 
 /// `y = max(y, 0)` in place.

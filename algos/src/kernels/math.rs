@@ -59,10 +59,9 @@ pub fn fill_rows(out: &mut [f32], bias: &[f32]) {
     }
 }
 
-/// `out[j] = Σ_i rows[i, j]`, top to bottom.
-pub fn sum_rows(out: &mut [f32], rows: &[f32]) {
+/// `out[j] += Σ_i rows[i, j]`, top to bottom.
+pub fn add_rows(out: &mut [f32], rows: &[f32]) {
     vectorized(|| {
-        out.fill(0.0);
         for row in rows.chunks_exact(out.len()) {
             for (o, x) in out.iter_mut().zip(row) {
                 *o += x;
@@ -132,8 +131,8 @@ mod tests {
     fn sums_are_exact_on_small_whole_numbers() {
         let x: Vec<f32> = (0..10_001).map(|i| (i % 5) as f32).collect();
         assert_eq!(sum_of_squares(&x), x.iter().map(|x| f64::from(x * x)).sum::<f64>());
-        let mut columns = [0.0; 3];
-        sum_rows(&mut columns, &[1.0, 2.0, 3.0, 10.0, 20.0, 30.0]);
-        assert_eq!(columns, [11.0, 22.0, 33.0]);
+        let mut columns = [100.0, 0.0, 0.0];
+        add_rows(&mut columns, &[1.0, 2.0, 3.0, 10.0, 20.0, 30.0]);
+        assert_eq!(columns, [111.0, 22.0, 33.0]);
     }
 }

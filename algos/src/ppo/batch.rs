@@ -1,14 +1,102 @@
-//! A round's episodes laid out for one update call: rows packed by time, returns by row.
+//! A round's episodes for one update call: returns of the whole round, and the rows of one part of it at a time.
+
+use std::cmp::Reverse;
+use std::ops::Range;
 
 use crate::kernels::gru::Steps;
-use crate::returns::{n_step_returns, EndOfBatch, Episode};
-use crate::rollout::{End, Rollout};
+use crate::network::Network;
+use crate::parts::{parts, PartSize};
+use crate::returns::{self, n_step_returns, EndOfBatch};
+use crate::rollout::{End, Episode};
 
-/// `B` episodes; `T` is the longest length. Only steps that were taken have rows, so the mask of the
-/// spec is implicit: a row is a slot with `m = 1`.
+/// `B` episodes; `T` is the longest length.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
-    /// How rows are packed: episodes sorted by length, the longest first.
+    /// Which episode is the `k`-th longest.
+    order: Vec<usize>,
+    obs_size: usize,
+    n_actions: usize,
+    /// Which of them go through the networks together.
+    pub parts: Vec<Range<usize>>,
+    pub part_size: PartSize,
+    /// Steps taken in all, `Σ m`.
+    pub rows: usize,
+    /// `B × T` team rewards, zero after an episode's end.
+    pub rewards: Vec<f32>,
+    /// `B × (T + 1)` values of the target critic.
+    values: Vec<f32>,
+    /// `B × T`: `G`, where a step was taken.
+    returns: Vec<f32>,
+}
+
+impl Batch {
+    /// Sorts `episodes`, takes their rewards and divides them into parts for `actor`.
+    ///
+    /// # Panics
+    /// If there is an episode without steps.
+    pub fn begin(&mut self, episodes: &[Episode], actor: &Network) {
+        (self.obs_size, self.n_actions) = (actor.inputs, actor.outputs);
+        assert!(episodes.iter().all(|episode| !episode.is_empty()), "every episode has a step");
+        self.order.clear();
+        self.order.extend(0..episodes.len());
+        // Stable, so that equally long episodes stay in the order of their copies.
+        self.order.sort_by_key(|&k| Reverse(episodes[k].len()));
+        let lengths: Vec<_> = self.order.iter().map(|&k| episodes[k].len()).collect();
+        self.parts = parts(actor.kind, &lengths, self.part_size);
+        self.rows = lengths.iter().sum();
+        let longest = lengths.first().copied().unwrap_or(0);
+        self.rewards.clear();
+        for episode in self.order.iter().map(|&k| &episodes[k]) {
+            self.rewards.extend_from_slice(&episode.rewards);
+            self.rewards.resize(self.rewards.len() + longest - episode.len(), 0.0);
+        }
+        self.values.clear();
+        self.values.resize(episodes.len() * (longest + 1), 0.0);
+        self.returns.clear();
+        self.returns.resize(episodes.len() * longest, 0.0);
+    }
+
+    fn longest(&self) -> usize {
+        self.rewards.len() / self.order.len()
+    }
+
+    /// Takes the target critic's values of a part that was laid out with its final observations, and of the
+    /// all-zero observation `padding`, which stands for all slots after those.
+    pub fn place_values(&mut self, part: &Part, by_row: &[f32], padding: f32) {
+        let slots = self.longest() + 1;
+        let of_part = part.episodes.start * slots..part.episodes.end * slots;
+        self.values[of_part.clone()].fill(padding);
+        for t in 0..part.steps.len() {
+            let of_step = &by_row[part.steps.offset(t)..][..part.steps.count(t)];
+            for (values, v) in self.values[of_part.clone()].chunks_exact_mut(slots).zip(of_step) {
+                values[t] = *v;
+            }
+        }
+    }
+
+    /// Computes `G` of every step.
+    pub fn compute_returns(&mut self, episodes: &[Episode], n: usize, gamma: f32, rule: EndOfBatch) {
+        let longest = self.longest();
+        for (k, episode) in self.order.iter().map(|&k| &episodes[k]).enumerate() {
+            let slots = k * longest..(k + 1) * longest;
+            let episode = returns::Episode {
+                rewards: &self.rewards[slots.clone()],
+                values: &self.values[k * (longest + 1)..(k + 1) * (longest + 1)],
+                length: episode.len(),
+                time_limit: episode.end == End::TimeLimit,
+            };
+            n_step_returns(&episode, n, gamma, rule, &mut self.returns[slots]);
+        }
+    }
+}
+
+/// The rows of some episodes, packed by time. Only steps that were taken have rows, so the mask of the spec is
+/// implicit: a row is a slot with `m = 1`.
+#[derive(Clone, Debug, Default)]
+pub struct Part {
+    /// Which of the sorted episodes.
+    episodes: Range<usize>,
+    /// How rows are packed.
     pub steps: Steps,
     /// `rows × obs_size`.
     pub obs: Vec<f32>,
@@ -16,96 +104,45 @@ pub struct Batch {
     pub avail: Vec<u8>,
     /// The actions taken, by row.
     pub actions: Vec<u16>,
-    /// `(B + 1) × obs_size`: each episode's final observation, then the all-zero padding one.
-    pub final_obs: Vec<f32>,
-    /// `B × T` team rewards, zero after an episode's end.
-    pub rewards: Vec<f32>,
     /// `G` by row.
     pub returns: Vec<f32>,
-    /// `B × (T + 1)` values of the target critic.
-    values: Vec<f32>,
-    /// Episodes in the order of the packing: length, ended by the step limit.
-    episodes: Vec<(usize, bool)>,
 }
 
-impl Batch {
-    /// Lays out `rollout`.
-    pub fn fill(&mut self, rollout: &Rollout, obs_size: usize, n_actions: usize) {
-        let mut order: Vec<_> = rollout.episodes().iter().collect();
-        // Stable, so that equally long episodes stay in the order of their copies.
-        order.sort_by_key(|episode| std::cmp::Reverse(episode.len()));
-        let lengths: Vec<_> = order.iter().map(|episode| episode.len()).collect();
-        assert!(lengths.iter().all(|&l| l > 0), "every episode has a step");
-        self.steps = Steps::of_lengths(&lengths);
-        let longest = self.steps.len();
-
-        self.obs.clear();
+impl Part {
+    /// Lays out the steps of part number `part`.
+    pub fn fill(&mut self, batch: &Batch, part: usize, episodes: &[Episode]) {
+        self.begin(batch, part, episodes, 0);
         self.avail.clear();
         self.actions.clear();
-        for t in 0..longest {
-            for episode in &order[..self.steps.count(t)] {
-                self.obs.extend_from_slice(&episode.obs[t * obs_size..(t + 1) * obs_size]);
-                self.avail.extend_from_slice(&episode.avail[t * n_actions..(t + 1) * n_actions]);
-                self.actions.push(episode.actions[t]);
-            }
-        }
-        self.final_obs.clear();
-        self.rewards.clear();
-        self.episodes.clear();
-        for episode in &order {
-            self.final_obs.extend_from_slice(&episode.obs[episode.len() * obs_size..]);
-            self.rewards.extend_from_slice(&episode.rewards);
-            self.rewards.resize(self.rewards.len() + longest - episode.len(), 0.0);
-            self.episodes.push((episode.len(), episode.end == End::TimeLimit));
-        }
-        self.final_obs.resize(self.final_obs.len() + obs_size, 0.0);
-    }
-
-    /// The packing of `final_obs`: all its rows at once.
-    pub fn final_steps(&self) -> Steps {
-        Steps::of_lengths(&vec![1; self.episodes.len() + 1])
-    }
-
-    /// Takes the target critic's values of the rows.
-    pub fn scatter_values(&mut self, by_row: &[f32]) {
-        let slots = self.steps.len() + 1;
-        self.values.clear();
-        self.values.resize(self.episodes.len() * slots, 0.0);
-        for t in 0..self.steps.len() {
-            for k in 0..self.steps.count(t) {
-                self.values[k * slots + t] = by_row[self.steps.offset(t) + k];
-            }
-        }
-    }
-
-    /// Takes the values of `final_obs`: slot `L` of each episode, then the padding after it.
-    pub fn place_final_values(&mut self, values: &[f32]) {
-        let slots = self.steps.len() + 1;
-        let padding = values[self.episodes.len()];
-        for (k, &(length, _)) in self.episodes.iter().enumerate() {
-            let row = &mut self.values[k * slots..(k + 1) * slots];
-            row[length] = values[k];
-            row[length + 1..].fill(padding);
-        }
-    }
-
-    /// Computes `G` of every row.
-    pub fn compute_returns(&mut self, n: usize, gamma: f32, rule: EndOfBatch) {
-        let longest = self.steps.len();
-        let mut of_episode = vec![0.0; longest];
         self.returns.clear();
-        self.returns.resize(self.steps.rows(), 0.0);
-        for (k, &(length, time_limit)) in self.episodes.iter().enumerate() {
-            let episode = Episode {
-                rewards: &self.rewards[k * longest..(k + 1) * longest],
-                values: &self.values[k * (longest + 1)..(k + 1) * (longest + 1)],
-                length,
-                time_limit,
-            };
-            n_step_returns(&episode, n, gamma, rule, &mut of_episode);
-            for (t, &g) in of_episode[..length].iter().enumerate() {
-                self.returns[self.steps.offset(t) + k] = g;
+        let (longest, n_actions) = (batch.longest(), batch.n_actions);
+        for t in 0..self.steps.len() {
+            for k in self.episodes.clone().take(self.steps.count(t)) {
+                let episode = &episodes[batch.order[k]];
+                self.obs.extend_from_slice(&episode.obs[t * batch.obs_size..][..batch.obs_size]);
+                self.avail.extend_from_slice(&episode.avail[t * n_actions..][..n_actions]);
+                self.actions.push(episode.actions[t]);
+                self.returns.push(batch.returns[k * longest + t]);
             }
         }
+    }
+
+    /// Lays out all observations of part number `part`, the final ones too, and nothing else.
+    pub fn fill_observations(&mut self, batch: &Batch, part: usize, episodes: &[Episode]) {
+        self.begin(batch, part, episodes, 1);
+        for t in 0..self.steps.len() {
+            for k in self.episodes.clone().take(self.steps.count(t)) {
+                let episode = &episodes[batch.order[k]];
+                self.obs.extend_from_slice(&episode.obs[t * batch.obs_size..][..batch.obs_size]);
+            }
+        }
+    }
+
+    fn begin(&mut self, batch: &Batch, part: usize, episodes: &[Episode], final_slots: usize) {
+        self.episodes = batch.parts[part].clone();
+        let of_part = batch.order[self.episodes.clone()].iter();
+        let lengths: Vec<_> = of_part.map(|&k| episodes[k].len() + final_slots).collect();
+        self.steps = Steps::of_lengths(&lengths);
+        self.obs.clear();
     }
 }

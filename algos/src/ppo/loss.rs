@@ -51,7 +51,7 @@ pub fn most_probable(probabilities: &[f32]) -> u16 {
     (0..probabilities.len()).fold(0, best) as u16
 }
 
-/// The batch and constants of the clipped objective.
+/// The rows and constants of the clipped objective.
 #[derive(Debug)]
 pub struct Terms<'a> {
     /// `rows × n_actions`.
@@ -64,19 +64,19 @@ pub struct Terms<'a> {
     pub clip: f32,
     /// `c_ent`.
     pub entropy_coef: f32,
-    /// `1 / (n Σ m)`.
+    /// `1 / (n Σ m)`, of the whole batch.
     pub scale: f32,
 }
 
-/// Means over the rows.
+/// Sums over the rows.
 #[derive(Debug)]
 pub struct Found {
-    /// `−mean(S + c_ent H)`.
+    /// `−Σ (S + c_ent H)`.
     pub loss: f64,
-    /// `mean(H)`.
+    /// `Σ H`.
     pub entropy: f64,
-    /// Share of rows whose ratio was out of the clip range.
-    pub clip_fraction: f64,
+    /// Rows whose ratio was out of the clip range.
+    pub clipped: u32,
 }
 
 impl Terms<'_> {
@@ -84,11 +84,10 @@ impl Terms<'_> {
         self.avail.len() / self.actions.len()
     }
 
-    /// `log(π(a) + 1e-10)` of the actions taken.
+    /// Appends `log(π(a) + 1e-10)` of the actions taken to `out`.
     pub fn log_probabilities(&self, logits: &[f32], out: &mut Vec<f32>) {
         let n = self.n_actions();
         let mut pi = vec![0.0; n];
-        out.clear();
         for (row, &action) in self.actions.iter().enumerate() {
             pi.copy_from_slice(&logits[row * n..(row + 1) * n]);
             softmax(&mut pi, &self.avail[row * n..(row + 1) * n]);
@@ -138,12 +137,10 @@ impl Terms<'_> {
             surrogate_sum += f64::from(surrogate);
             entropy_sum += f64::from(entropy);
         }
-        let rows = self.actions.len() as f64;
-        let entropy = entropy_sum / rows;
         Found {
-            loss: -(surrogate_sum / rows + f64::from(self.entropy_coef) * entropy),
-            entropy,
-            clip_fraction: f64::from(clipped_count) / rows,
+            loss: -(surrogate_sum + f64::from(self.entropy_coef) * entropy_sum),
+            entropy: entropy_sum,
+            clipped: clipped_count,
         }
     }
 }
@@ -205,7 +202,7 @@ mod tests {
             let report = terms.gradient(&logits, &log_p_old, &mut found);
             let logits: Vec<f64> = logits.iter().map(|&x| f64::from(x)).collect();
             let loss = plain_loss(&terms, &logits, &log_p_old);
-            assert!((report.loss - loss / (4.0 * 0.125)).abs() < 1e-6, "{} {loss}", report.loss);
+            assert!((report.loss - loss / 0.125).abs() < 4e-6, "{} {loss}", report.loss);
             for j in 0..logits.len() {
                 let at = |h: f64| {
                     let mut moved = logits.clone();
@@ -233,7 +230,7 @@ mod tests {
         let (mut log_p, mut found) = (Vec::new(), Vec::new());
         terms.log_probabilities(&logits, &mut log_p);
         let report = terms.gradient(&logits, &log_p, &mut found);
-        assert_eq!(report.clip_fraction, 0.0);
+        assert_eq!(report.clipped, 0);
         assert!((report.loss + 1.7).abs() < 1e-6);
         let mut pi = logits;
         softmax(&mut pi, &[1; 4]);

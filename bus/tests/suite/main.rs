@@ -4,11 +4,10 @@ mod memory;
 mod star;
 mod support;
 
-use std::sync::mpsc;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use bus::{Event, Record, Traffic};
+use bus::{Events, Record, Traffic};
 use support::{alive, assert_silent, gone, message, next, next_query, Pair, DEADLINE};
 
 #[test]
@@ -52,7 +51,7 @@ fn bus_suite(make: &dyn Fn() -> Pair) {
 }
 
 fn publications_arrive_whole_and_in_order(pair: &Pair) {
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _guard = pair.server.subscribe("t/data", inbox).unwrap();
     pair.settle();
     let publisher = pair.client.publisher("t/data").unwrap();
@@ -72,9 +71,9 @@ fn publications_arrive_whole_and_in_order(pair: &Pair) {
 }
 
 fn every_subscriber_hears_and_a_dropped_one_does_not(pair: &Pair) {
-    let (inbox, first) = mpsc::channel();
+    let (inbox, first) = bus::inbox();
     let first_guard = pair.server.subscribe("t/data", inbox).unwrap();
-    let (inbox, second) = mpsc::channel();
+    let (inbox, second) = bus::inbox();
     let _second_guard = pair.server.subscribe("t/data", inbox).unwrap();
     pair.settle();
     let publisher = pair.client.publisher("t/data").unwrap();
@@ -88,15 +87,15 @@ fn every_subscriber_hears_and_a_dropped_one_does_not(pair: &Pair) {
 }
 
 fn wildcards_hear_what_matches(pair: &Pair) {
-    let (inbox, one_chunk) = mpsc::channel();
+    let (inbox, one_chunk) = bus::inbox();
     let _one = pair.server.subscribe("t/*/act", inbox).unwrap();
-    let (inbox, any) = mpsc::channel();
+    let (inbox, any) = bus::inbox();
     let _any = pair.server.subscribe("t/**", inbox).unwrap();
     pair.settle();
     for key in ["t/0/act", "t/1/see", "t/2/3/act", "u/0/act", "t/4/act"] {
         pair.client.publisher(key).unwrap().send(key.as_bytes()).unwrap();
     }
-    let keys = |events: &mpsc::Receiver<Event>, n: usize| -> Vec<String> {
+    let keys = |events: &Events, n: usize| -> Vec<String> {
         (0..n).map(|_| message(next(events)).0.to_string()).collect()
     };
     assert_eq!(keys(&one_chunk, 2), ["t/0/act", "t/4/act"]);
@@ -106,7 +105,7 @@ fn wildcards_hear_what_matches(pair: &Pair) {
 }
 
 fn a_side_hears_itself(pair: &Pair) {
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _subscription = pair.client.subscribe("t/own", inbox.clone()).unwrap();
     pair.client.best_effort_publisher("t/own").unwrap().send(b"me").unwrap();
     assert_eq!(message(next(&events)).1, b"me");
@@ -116,7 +115,7 @@ fn a_side_hears_itself(pair: &Pair) {
 }
 
 fn a_query_is_answered_at_once_or_later_from_another_thread(pair: &Pair) {
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _guard = pair.server.serve("t/ask/*", inbox).unwrap();
     pair.settle();
     std::thread::scope(|scope| {
@@ -141,7 +140,7 @@ fn a_query_without_an_answer_ends(pair: &Pair) {
     assert_eq!(pair.client.ask("t/nobody", b"?", DEADLINE).unwrap(), None);
     assert!(start.elapsed() < DEADLINE / 2, "nobody serves the key, which is known at once");
 
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _guard = pair.server.serve("t/silent", inbox).unwrap();
     pair.settle();
     std::thread::scope(|scope| {
@@ -161,7 +160,7 @@ fn a_query_without_an_answer_ends(pair: &Pair) {
 fn tokens_come_and_go(pair: &Pair) {
     let early = pair.client.announce("t/alive/early").unwrap();
     pair.settle();
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let watch = pair.server.watch("t/alive/*", inbox).unwrap();
     assert_eq!(alive(next(&events)), "t/alive/early");
     let late = pair.client.announce("t/alive/late").unwrap();
@@ -176,7 +175,7 @@ fn tokens_come_and_go(pair: &Pair) {
 }
 
 fn a_side_that_is_dropped_takes_its_tokens_along(pair: Pair) {
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _watch = pair.server.watch("t/alive/*", inbox).unwrap();
     let token = pair.client.announce("t/alive/client").unwrap();
     assert_eq!(alive(next(&events)), "t/alive/client");
@@ -194,7 +193,7 @@ fn a_publisher_of_a_dropped_side_says_closed(pair: Pair) {
 }
 
 fn traffic_counts_what_a_side_sent(pair: &Pair) {
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _guard = pair.server.serve("t/ask", inbox).unwrap();
     pair.settle();
     let traffic = |key: &str, messages, bytes| Traffic { key: key.into(), messages, bytes };
@@ -221,7 +220,7 @@ fn a_recorded_side_reports_what_it_sends_and_declares(pair: &Pair) {
     earlier.send(b"unseen").unwrap();
     let server =
         bus::recorded(pair.server.clone(), Arc::new(move |record| written.lock().unwrap().push(record)));
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _subscription = server.subscribe("t/in/*", inbox.clone()).unwrap();
     let _watch = server.watch("t/alive/**", inbox.clone()).unwrap();
     let _queryable = server.serve("t/ask", inbox).unwrap();
@@ -249,7 +248,7 @@ fn a_recorded_side_reports_what_it_sends_and_declares(pair: &Pair) {
 }
 
 fn keys_are_checked(pair: &Pair) {
-    let (inbox, _events) = mpsc::channel();
+    let (inbox, _events) = bus::inbox();
     for bus in [&pair.server, &pair.client] {
         let errors = [
             bus.publisher("t/*").err(),

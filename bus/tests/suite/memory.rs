@@ -1,7 +1,5 @@
 //! What only the bus in memory promises: faults on demand, the same ones again.
 
-use std::sync::mpsc;
-
 use bus::{Event, MemoryHub};
 
 use crate::support::{a_token_of_two_sides_lives_as_long_as_either, alive, message, next};
@@ -9,14 +7,14 @@ use crate::support::{a_token_of_two_sides_lives_as_long_as_either, alive, messag
 /// Publishes 0 to `n` and says what arrives.
 fn received(hub: &MemoryHub, n: u8) -> Vec<u8> {
     let (server, client) = (hub.connect(), hub.connect());
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let guard = server.subscribe("t/data", inbox).unwrap();
     let publisher = client.publisher("t/data").unwrap();
     for i in 0..n {
         publisher.send(&[i]).unwrap();
     }
     drop((guard, server));
-    events.into_iter().map(|event| message(event).1[0]).collect()
+    std::iter::from_fn(|| events.try_recv().ok()).map(|event| message(event).1[0]).collect()
 }
 
 #[test]
@@ -61,7 +59,7 @@ fn the_same_seed_gives_the_same_faults_and_another_gives_others() {
 fn faults_leave_queries_and_tokens_alone() {
     let hub = MemoryHub::with_faults(1, 1.0, 0.0, 0.0);
     let (server, client) = (hub.connect(), hub.connect());
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _watch = server.watch("t/alive/*", inbox.clone()).unwrap();
     let _token = client.announce("t/alive/0").unwrap();
     assert_eq!(alive(next(&events)), "t/alive/0");

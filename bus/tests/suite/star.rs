@@ -1,6 +1,6 @@
 //! What only the zenoh bus promises: the star of peers, its endpoints and its errors.
 
-use std::sync::{mpsc, Arc};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bus::{Bus, Error, Options};
@@ -15,10 +15,10 @@ fn a_dialling_side_hears_the_listening_side_and_no_other_dialling_side() {
     let hub = open(&Options { listen: vec!["tcp/127.0.0.1:0".into()], ..Options::default() });
     let dial = || open(&Options { connect: hub.endpoints(), ..Options::default() });
     let (left, right) = (dial(), dial());
-    let (inbox, at_hub) = mpsc::channel();
+    let (inbox, at_hub) = bus::inbox();
     let _hub = hub.subscribe("t/**", inbox.clone()).unwrap();
     let _hub_watch = hub.watch("t/**", inbox).unwrap();
-    let (inbox, at_right) = mpsc::channel();
+    let (inbox, at_right) = bus::inbox();
     let _right = right.subscribe("t/**", inbox.clone()).unwrap();
     let _right_watch = right.watch("t/**", inbox).unwrap();
     settle(&right, &hub);
@@ -45,7 +45,7 @@ fn a_token_of_two_dialling_sides_lives_as_long_as_either() {
 fn what_is_sent_right_after_open_reaches_all_who_were_dialled() {
     let listen = || open(&Options { listen: vec!["tcp/127.0.0.1:0".into()], ..Options::default() });
     let hubs = [listen(), listen()];
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     // Many, so that telling them takes longer than opening.
     let subscribe = |hub: &Arc<dyn Bus>| -> Vec<_> {
         let others = (0..300).map(|i| format!("t/other/{i}"));
@@ -83,7 +83,7 @@ fn a_lost_link_is_dialled_again() {
     let listen = || open(&Options { listen: vec![endpoint.clone()], ..Options::default() });
     let server = listen();
     let client = open(&Options { connect: vec![endpoint.clone()], ..Options::default() });
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _watch = client.watch("t/server", inbox.clone()).unwrap();
     let _subscription = client.subscribe("t/data", inbox).unwrap();
     let token = server.announce("t/server").unwrap();
@@ -112,7 +112,7 @@ fn an_optional_endpoint_may_appear_later_or_never() {
         ..Options::default()
     });
     assert!(start.elapsed() < DEADLINE / 2);
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let monitor = open(&Options { listen: vec![monitor], ..Options::default() });
     let _guard = monitor.subscribe("t/loss", inbox).unwrap();
     let loss = client.best_effort_publisher("t/loss").unwrap();
@@ -130,7 +130,7 @@ fn a_low_latency_side_and_one_that_is_not_understand_each_other() {
             open(&Options { listen: vec!["tcp/127.0.0.1:0".into()], low_latency, ..Options::default() });
         let client =
             open(&Options { connect: hub.endpoints(), low_latency: !low_latency, ..Options::default() });
-        let (inbox, events) = mpsc::channel();
+        let (inbox, events) = bus::inbox();
         let _guard = client.subscribe("t/data", inbox).unwrap();
         settle(&client, &hub);
         hub.publisher("t/data").unwrap().send(&[1; 20_000]).unwrap();
@@ -142,7 +142,7 @@ fn a_low_latency_side_and_one_that_is_not_understand_each_other() {
 fn messages_beyond_the_low_latency_limit_are_refused_and_those_at_the_limit_arrive() {
     let limit = bus::LOW_LATENCY_MAX_BYTES;
     let pair = over_unix_socket(true);
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _subscription = pair.server.subscribe("t/data", inbox.clone()).unwrap();
     let _queryable = pair.server.serve("t/ask", inbox).unwrap();
     pair.settle();
@@ -158,7 +158,7 @@ fn messages_beyond_the_low_latency_limit_are_refused_and_those_at_the_limit_arri
 #[test]
 fn large_messages_pass_without_low_latency() {
     let pair = over_unix_socket(false);
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _subscription = pair.server.subscribe("t/data", inbox).unwrap();
     pair.settle();
     pair.client.publisher("t/data").unwrap().send(&vec![3; 1_000_000]).unwrap();

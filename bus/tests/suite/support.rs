@@ -1,10 +1,10 @@
 //! Pairs of buses to test on, and events with deadlines.
 
-use std::sync::mpsc::{Receiver, TryRecvError};
-use std::sync::{mpsc, Arc, OnceLock};
+use std::sync::mpsc::TryRecvError;
+use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
-use bus::{Bus, Event, Options, Query, Record};
+use bus::{Bus, Event, Events, Options, Query, Record};
 use tempfile::TempDir;
 
 /// Far longer than anything takes on a busy machine; a test that waits this long has failed.
@@ -33,7 +33,7 @@ impl Pair {
 
 /// Returns when `to` knows all that `from` has declared so far.
 pub fn settle(from: &Arc<dyn Bus>, to: &Arc<dyn Bus>) {
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _watch = to.watch(SETTLING, inbox).unwrap();
     let token = from.announce(SETTLING).unwrap();
     assert_eq!(alive(next(&events)), SETTLING);
@@ -47,13 +47,13 @@ pub fn a_token_of_two_sides_lives_as_long_as_either(
     left: &Arc<dyn Bus>,
     right: &Arc<dyn Bus>,
 ) {
-    let (inbox, events) = mpsc::channel();
+    let (inbox, events) = bus::inbox();
     let _watch = hub.watch("t/alive/*", inbox).unwrap();
     let first = left.announce("t/alive/both").unwrap();
     assert_eq!(alive(next(&events)), "t/alive/both");
     let second = right.announce("t/alive/both").unwrap();
     settle(right, hub);
-    let (inbox, late) = mpsc::channel();
+    let (inbox, late) = bus::inbox();
     let _late_watch = hub.watch("t/alive/*", inbox).unwrap();
     assert_eq!(alive(next(&late)), "t/alive/both");
     drop(first);
@@ -105,7 +105,7 @@ pub fn try_open(options: &Options) -> Result<Arc<dyn Bus>, bus::Error> {
     bus::open(options)
 }
 
-pub fn next(events: &Receiver<Event>) -> Event {
+pub fn next(events: &Events) -> Event {
     events.recv_timeout(DEADLINE).expect("an event before the deadline")
 }
 
@@ -130,7 +130,7 @@ pub fn gone(event: Event) -> String {
     }
 }
 
-pub fn next_query(events: &Receiver<Event>) -> Query {
+pub fn next_query(events: &Events) -> Query {
     match next(events) {
         Event::Query(query) => query,
         other => panic!("a query was expected, {other:?} came"),
@@ -138,7 +138,7 @@ pub fn next_query(events: &Receiver<Event>) -> Query {
 }
 
 /// Nothing has arrived. To mean something, it follows an event that was sent later.
-pub fn assert_silent(events: &Receiver<Event>) {
+pub fn assert_silent(events: &Events) {
     match events.try_recv() {
         Err(TryRecvError::Empty | TryRecvError::Disconnected) => (),
         Ok(event) => panic!("nothing was expected, {event:?} came"),

@@ -78,21 +78,36 @@ struct Measured {
     /// Floating-point operations per second in the products of the algorithm, over the peak of all cores.
     share_of_limit: f64,
     ticks_per_second: f64,
-    /// Shares of the run's time: update calls (with what the agents do meanwhile), forward passes and sampling,
-    /// the rest of a tick (bus and waiting), building and reading messages, worlds, checkpoints and rows.
-    update: f64,
-    inference: f64,
-    bus: f64,
-    messages: f64,
-    world: f64,
-    disk: f64,
+    /// Shares of the run's time, as the env-server sees it.
+    parts: Parts,
     bytes_per_tick: f64,
+    /// In all roles; only where allocations are counted.
+    allocations_per_tick: Option<f64>,
     /// Processor time of all roles for an environment step, from their start to their end, in microseconds.
     cpu_us_per_env_step: Option<f64>,
     /// From the start of the launcher's work to the first environment step.
     start_seconds: f64,
     agent_memory_mb: Option<f64>,
     env_server_memory_mb: Option<f64>,
+}
+
+/// Where the time of a run goes.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Parts {
+    /// Waiting for update calls.
+    update: f64,
+    /// Forward passes and sampling of the slowest agent.
+    inference: f64,
+    /// Observing worlds, writing and reading messages: the env-server, and the slowest agent.
+    encode: f64,
+    /// Handing messages to the bus, one after the other.
+    send: f64,
+    /// The rest of the wait for actions: the bus, and agents that wait for a processor.
+    bus: f64,
+    /// Resetting and stepping worlds.
+    world: f64,
+    /// Checkpoints and metric rows.
+    disk: f64,
 }
 
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -190,14 +205,16 @@ impl Bench {
         let firsts: Vec<&Summary> = runs.iter().map(|runs| &runs[0]).collect();
         let of = |f: &dyn Fn(&Summary) -> f64| spread(firsts.iter().map(|run| f(run)).collect()).median;
         let world = |name: &'static str| of(&|run| run.seconds("world", name) / run.training_seconds());
-        let inference = of(&|run| {
-            let agents = run.roles.keys().filter(|role| role.starts_with("agent"));
-            agents.map(|agent| run.seconds(agent, "inference")).fold(0.0, f64::max) / run.training_seconds()
-        });
+        let slowest = |name: &'static str| {
+            of(&|run| {
+                let agents = run.roles.keys().filter(|role| role.starts_with("agent"));
+                agents.map(|agent| run.seconds(agent, name)).fold(0.0, f64::max) / run.training_seconds()
+            })
+        };
+        let (inference, encode) = (slowest("inference"), slowest("encode"));
         let memory = |role: &'static str| {
-            let of_role = |run: &&Summary| run.roles[role]["peak_memory_bytes"].as_f64();
-            let known: Option<Vec<f64>> = firsts.iter().map(of_role).collect();
-            known.map(|bytes| spread(bytes).median / 1e6).filter(|_| place == Where::Processes)
+            let of_role = |run: &Summary| Some(run.roles[role]["peak_memory_bytes"].as_f64()? / 1e6);
+            median_of_known(&firsts, of_role).filter(|_| place == Where::Processes)
         };
         let ticks = |run: &Summary| run.roles["world"]["ticks"].as_f64().unwrap_or(f64::NAN);
         Ok(Measured {
@@ -208,17 +225,27 @@ impl Bench {
             env_steps_per_second: speed,
             share_of_limit: speed.median * flops / (1e9 * machine.sgemm_gflops_all_cores),
             ticks_per_second: of(&|run| ticks(run) / run.training_seconds()),
-            update: world("updates"),
-            inference,
-            bus: (world("actions") - inference).max(0.0),
-            messages: world("messages"),
-            world: world("world"),
-            disk: world("disk"),
+            parts: Parts {
+                update: world("updates"),
+                inference,
+                encode: world("encode") + encode,
+                send: world("send"),
+                bus: (world("actions") - inference - encode).max(0.0),
+                world: world("world"),
+                disk: world("disk"),
+            },
             bytes_per_tick: of(&|run| {
                 let of_ticks = run.bytes_by_key.iter();
                 let of_ticks = of_ticks.filter(|(key, _)| key.ends_with("/observe") || key.ends_with("/act"));
                 of_ticks.map(|(_, &bytes)| bytes as f64).sum::<f64>() / ticks(run)
             }),
+            allocations_per_tick: median_of_known(&firsts, |run| {
+                let counts = run.roles.values().map(|role| role["allocations"].as_f64());
+                // The coordinator has no part in ticks.
+                let counted: Vec<f64> = counts.flatten().collect();
+                (!counted.is_empty()).then(|| counted.iter().sum::<f64>() / ticks(run))
+            })
+            .filter(|_| place == Where::Processes),
             cpu_us_per_env_step: (place == Where::Processes).then(|| {
                 of(&|run| {
                     let seconds =
@@ -239,7 +266,8 @@ fn one(experiment: &Experiment, place: Place) -> Result<Summary, Failure> {
     let place_of_run = tempfile::tempdir()
         .map_err(|e| Failure::new(exit::IO, format!("cannot make a folder for the run: {e}")))?;
     let folder = RunFolder::create(place_of_run.path().join("run"), &config.to_toml())?;
-    let options = Options { place, device: DeviceName::Cpu, wait: Duration::from_secs(60), show: Show::Nothing };
+    let options =
+        Options { place, device: DeviceName::Cpu, wait: Duration::from_secs(60), show: Show::Nothing };
     let (ended, summary) = drive(&folder, &config, options)?;
     if ended == Ended::Stopped {
         return Err(Failure::new(exit::AGAIN, "the measurement was stopped"));
@@ -293,19 +321,26 @@ impl Machine {
     }
 }
 
+/// The median over the runs, where all of them know.
+fn median_of_known(runs: &[&Summary], of: impl Fn(&Summary) -> Option<f64>) -> Option<f64> {
+    let known: Option<Vec<f64>> = runs.iter().map(|run| of(run)).collect();
+    known.map(|values| spread(values).median)
+}
+
 /// Above the lines of [`Measured`].
 const HEAD: &str = "\
-task                         algo   copies place                         env steps/s  limit  ticks/s update infer.   bus \
-messag. world  disk  B/tick CPU us/step start s MB/agent MB/server";
+task                         algo   copies place                         env steps/s  limit  ticks/s update infer. encode \
+send   bus world  disk  B/tick allocs/tick CPU us/step start s MB/agent MB/server";
 
 impl std::fmt::Display for Measured {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let steps = self.env_steps_per_second;
-        let memory = |mb: Option<f64>| mb.map_or("–".to_owned(), |mb| format!("{mb:.0}"));
+        let Parts { update, inference, encode, send, bus, world, disk } = self.parts;
+        let known = |x: Option<f64>, digits: usize| x.map_or("–".to_owned(), |x| format!("{x:.digits$}"));
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         write!(
             f,
-            "{:<28} {:<6} {:>6} {:<12} {:>28} {:>6} {:>8.0} {:>6} {:>6} {:>5} {:>7} {:>5} {:>5} {:>7.0} {:>11} {:>7.2} {:>8} {:>9}",
+            "{:<28} {:<6} {:>6} {:<12} {:>28} {:>6} {:>8.0} {:>6} {:>6} {:>6} {:>4} {:>5} {:>5} {:>5} {:>7.0} {:>11} {:>11} {:>7.2} {:>8} {:>9}",
             self.task,
             self.algo,
             self.copies,
@@ -313,17 +348,19 @@ impl std::fmt::Display for Measured {
             format!("{:.0} ({:.0} – {:.0})", steps.median, steps.min, steps.max),
             percent(self.share_of_limit),
             self.ticks_per_second,
-            percent(self.update),
-            percent(self.inference),
-            percent(self.bus),
-            percent(self.messages),
-            percent(self.world),
-            percent(self.disk),
+            percent(update),
+            percent(inference),
+            percent(encode),
+            percent(send),
+            percent(bus),
+            percent(world),
+            percent(disk),
             self.bytes_per_tick,
-            self.cpu_us_per_env_step.map_or("–".to_owned(), |us| format!("{us:.1}")),
+            known(self.allocations_per_tick, 0),
+            known(self.cpu_us_per_env_step, 1),
             self.start_seconds,
-            memory(self.agent_memory_mb),
-            memory(self.env_server_memory_mb)
+            known(self.agent_memory_mb, 0),
+            known(self.env_server_memory_mb, 0)
         )
     }
 }

@@ -1,0 +1,264 @@
+//! Where a side's events wait until its role reads them.
+//!
+//! A standard channel wakes its reader for every message. A role that can only go on when all of a team have
+//! answered says so instead ([`Events::recv_together`]) and sleeps until then: one wake-up a tick however large
+//! the team is, and wake-ups are most of what a message costs.
+
+use std::collections::VecDeque;
+use std::sync::mpsc::{RecvError, RecvTimeoutError, SendError, TryRecvError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use crate::Event;
+
+/// An empty inbox, which any number of declarations may share, and the place to read it. Unbounded.
+pub fn inbox() -> (Inbox, Events) {
+    let shared = Arc::new(Shared::default());
+    lock(&shared).inboxes = 1;
+    (Inbox { shared: shared.clone() }, Events { shared })
+}
+
+/// Takes events in; a clone is the same inbox.
+#[derive(Debug)]
+pub struct Inbox {
+    shared: Arc<Shared>,
+}
+
+/// Reads what has come into an [`Inbox`], in that order. Errors are those of a standard channel.
+#[derive(Debug)]
+pub struct Events {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    state: Mutex<State>,
+    enough: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    events: VecDeque<Event>,
+    /// An event that is no message is among them, which nobody should wait on.
+    urgent: bool,
+    /// Messages that the reader sleeps for; 0 while it does not.
+    awaited: usize,
+    inboxes: usize,
+    reader_is_gone: bool,
+}
+
+impl Inbox {
+    /// Adds an event and wakes the reader if that is what it waits for.
+    ///
+    /// # Errors
+    /// If nobody reads any more; the event comes back.
+    pub fn send(&self, event: Event) -> Result<(), SendError<Event>> {
+        let mut state = lock(&self.shared);
+        if state.reader_is_gone {
+            return Err(SendError(event));
+        }
+        state.urgent |= !matches!(event, Event::Message { .. });
+        state.events.push_back(event);
+        let wake = state.awaited > 0 && (state.urgent || state.events.len() >= state.awaited);
+        drop(state);
+        if wake {
+            self.shared.enough.notify_one();
+        }
+        Ok(())
+    }
+}
+
+impl Clone for Inbox {
+    fn clone(&self) -> Self {
+        lock(&self.shared).inboxes += 1;
+        Self { shared: self.shared.clone() }
+    }
+}
+
+impl Drop for Inbox {
+    fn drop(&mut self) {
+        let mut state = lock(&self.shared);
+        state.inboxes -= 1;
+        let last = state.inboxes == 0;
+        drop(state);
+        if last {
+            self.shared.enough.notify_one();
+        }
+    }
+}
+
+impl Events {
+    /// The next event, if there is one.
+    ///
+    /// # Errors
+    /// [`TryRecvError`]: none now, or none ever.
+    pub fn try_recv(&self) -> Result<Event, TryRecvError> {
+        let mut state = lock(&self.shared);
+        match state.take() {
+            Some(event) => Ok(event),
+            None if state.inboxes == 0 => Err(TryRecvError::Disconnected),
+            None => Err(TryRecvError::Empty),
+        }
+    }
+
+    /// The next event, waiting for it as long as it takes.
+    ///
+    /// # Errors
+    /// [`RecvError`]: none ever.
+    pub fn recv(&self) -> Result<Event, RecvError> {
+        self.recv_timeout(Duration::MAX).map_err(|_| RecvError)
+    }
+
+    /// The next event, waiting for it no longer than `timeout`.
+    ///
+    /// # Errors
+    /// [`RecvTimeoutError`]: none in time, or none ever.
+    pub fn recv_timeout(&self, timeout: Duration) -> Result<Event, RecvTimeoutError> {
+        self.recv_together(1, timeout)
+    }
+
+    /// The next event as soon as `count` of them wait, or one that is no message, or `timeout` is over and there
+    /// is any.
+    ///
+    /// # Errors
+    /// [`RecvTimeoutError`]: none in time, or none ever.
+    pub fn recv_together(&self, count: usize, timeout: Duration) -> Result<Event, RecvTimeoutError> {
+        // Too far away to be told is as good as never.
+        let deadline = Instant::now().checked_add(timeout);
+        let mut state = lock(&self.shared);
+        while state.events.len() < count.max(1) && !state.urgent && state.inboxes > 0 {
+            let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
+            if left == Some(Duration::ZERO) {
+                break;
+            }
+            state.awaited = count.max(1);
+            let wait = left.unwrap_or(Duration::MAX);
+            let woken = self.shared.enough.wait_timeout(state, wait);
+            state = woken.unwrap_or_else(PoisonError::into_inner).0;
+            state.awaited = 0;
+        }
+        match state.take() {
+            Some(event) => Ok(event),
+            None if state.inboxes == 0 => Err(RecvTimeoutError::Disconnected),
+            None => Err(RecvTimeoutError::Timeout),
+        }
+    }
+}
+
+impl Drop for Events {
+    fn drop(&mut self) {
+        let mut state = lock(&self.shared);
+        state.reader_is_gone = true;
+        // Queries among them are answered by being dropped, which may take other locks.
+        let unread = std::mem::take(&mut state.events);
+        drop(state);
+        drop(unread);
+    }
+}
+
+impl State {
+    fn take(&mut self) -> Option<Event> {
+        let event = self.events.pop_front();
+        self.urgent = self.urgent && self.events.iter().any(|event| !matches!(event, Event::Message { .. }));
+        event
+    }
+}
+
+/// The state is whole between any two statements that can panic, so a poisoned lock is of no concern.
+fn lock(shared: &Shared) -> MutexGuard<'_, State> {
+    shared.state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+
+    use super::*;
+
+    const LONG: Duration = Duration::from_secs(60);
+
+    fn message(payload: u8) -> Event {
+        Event::Message { key: "k".into(), payload: vec![payload] }
+    }
+
+    fn payload(event: Event) -> u8 {
+        match event {
+            Event::Message { payload, .. } => payload[0],
+            other => panic!("{other:?} is no message"),
+        }
+    }
+
+    /// Waits until the reader sleeps.
+    fn asleep(inbox: &Inbox) {
+        let deadline = Instant::now() + LONG;
+        while lock(&inbox.shared).awaited == 0 {
+            assert!(Instant::now() < deadline, "the reader does not sleep");
+            thread::yield_now();
+        }
+    }
+
+    #[test]
+    fn events_come_out_in_order() {
+        let (inbox, events) = inbox();
+        for k in 0..3 {
+            inbox.clone().send(message(k)).unwrap();
+        }
+        assert_eq!([(); 3].map(|()| payload(events.try_recv().unwrap())), [0, 1, 2]);
+        assert_eq!(events.try_recv().unwrap_err(), TryRecvError::Empty);
+    }
+
+    #[test]
+    fn a_reader_of_several_messages_sleeps_until_all_are_there() {
+        let (inbox, events) = inbox();
+        thread::scope(|scope| {
+            let reader = scope.spawn(|| payload(events.recv_together(3, LONG).unwrap()));
+            for k in 0..2 {
+                asleep(&inbox);
+                inbox.send(message(k)).unwrap();
+            }
+            assert_eq!(lock(&inbox.shared).events.len(), 2, "nothing is taken before the third");
+            inbox.send(message(2)).unwrap();
+            assert_eq!(reader.join().unwrap(), 0);
+        });
+        assert_eq!(payload(events.recv_together(2, LONG).unwrap()), 1);
+    }
+
+    #[test]
+    fn anything_but_a_message_wakes_at_once_and_keeps_its_place() {
+        let (inbox, events) = inbox();
+        thread::scope(|scope| {
+            let reader = scope.spawn(|| payload(events.recv_together(3, LONG).unwrap()));
+            asleep(&inbox);
+            inbox.send(message(7)).unwrap();
+            inbox.send(Event::Stop).unwrap();
+            assert_eq!(reader.join().unwrap(), 7);
+        });
+        assert!(matches!(events.recv_together(3, LONG), Ok(Event::Stop)));
+    }
+
+    #[test]
+    fn what_came_in_time_is_given_out_when_time_is_over() {
+        let (inbox, events) = inbox();
+        inbox.send(message(1)).unwrap();
+        assert_eq!(payload(events.recv_together(2, Duration::from_millis(5)).unwrap()), 1);
+        let nothing = events.recv_together(2, Duration::from_millis(5));
+        assert_eq!(nothing.unwrap_err(), RecvTimeoutError::Timeout);
+    }
+
+    #[test]
+    fn each_end_learns_that_the_other_is_gone() {
+        let (one, events) = inbox();
+        let other = one.clone();
+        thread::scope(|scope| {
+            let reader = scope.spawn(|| events.recv_timeout(Duration::MAX).unwrap_err());
+            asleep(&one);
+            drop((one, other));
+            assert_eq!(reader.join().unwrap(), RecvTimeoutError::Disconnected);
+        });
+        assert_eq!(events.try_recv().unwrap_err(), TryRecvError::Disconnected);
+
+        let (inbox, events) = inbox();
+        drop(events);
+        assert!(inbox.send(Event::Stop).is_err());
+    }
+}
