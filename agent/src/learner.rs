@@ -4,6 +4,7 @@
 use std::collections::VecDeque;
 
 use algos::device::{Device, DeviceName};
+use algos::host::Seconds;
 use algos::iql::{self, Iql};
 use algos::ppo::{self, Choice, Ppo};
 use algos::rollout::{self, Rollout};
@@ -17,6 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use store::{Checkpoint, Position, RoleFolder, Tensor, KEEP};
 
+use crate::host::host;
 use crate::input::Input;
 use crate::progress::Unlogged;
 use crate::replay::{Replay, DEFAULT_MEMORY_BYTES};
@@ -141,6 +143,10 @@ impl Learner {
         folder: &RoleFolder,
     ) -> Result<(Self, Option<Saved>), Failure> {
         let mut learner = Self::new(config, id, (seat.obs_size as usize, seat.n_actions as usize));
+        match &mut learner.method {
+            Method::Ppo { ppo, .. } => ppo.run_on(host()),
+            Method::Q(q) => q.iql.run_on(host()),
+        }
         let saved = match seat.round {
             0 => None,
             round => Some(learner.restore(&folder.checkpoints().load(round)?)?),
@@ -190,6 +196,14 @@ impl Learner {
         match &self.method {
             Method::Ppo { ppo, .. } => ppo.update_calls(),
             Method::Q(q) => q.iql.update_calls(),
+        }
+    }
+
+    /// Where the time of the learner itself went so far.
+    pub fn seconds(&self) -> Seconds {
+        match &self.method {
+            Method::Ppo { ppo, .. } => ppo.seconds(),
+            Method::Q(q) => q.iql.seconds(),
         }
     }
 

@@ -47,6 +47,8 @@ struct Report {
     device: String,
     update_calls: u64,
     seconds: Seconds,
+    /// Of them, the learner's own, by kernel.
+    learner_seconds: algos::host::Seconds,
     ignored_messages: u64,
     peak_memory_bytes: Option<u64>,
     cpu_seconds: Option<f64>,
@@ -209,6 +211,7 @@ impl<'a> Agent<'a> {
             device: self.device.to_string(),
             update_calls: self.learner.update_calls(),
             seconds: self.seconds,
+            learner_seconds: self.learner.seconds(),
             ignored_messages: self.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),
             cpu_seconds: process::cpu_seconds(),

@@ -26,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use crate::acting::Acting;
 use crate::adam::{clip, Adam};
 use crate::device::Device;
+use crate::host::{Host, Seconds, Stopwatch};
 use crate::network::{Activations, Kind, Network};
 use crate::params::initial;
 use crate::reward_stats::{RewardStats, Standardisation};
@@ -106,6 +107,8 @@ pub struct Iql {
     last_target_copy: u64,
     acting: Acting,
     work: Work,
+    host: Host,
+    seconds: Seconds,
 }
 
 /// Buffers of an update call, kept so that none is allocated twice.
@@ -134,6 +137,8 @@ impl Iql {
             last_target_copy: 0,
             acting: Acting::default(),
             work: Work { gradient: vec![0.0; values.len()], ..Work::default() },
+            host: Host::default(),
+            seconds: Seconds::default(),
             config,
             network,
             values,
@@ -146,6 +151,16 @@ impl Iql {
         self.acting.compute_on(device);
         self.work.activations.on = device.passes();
         self.work.batch.part_size = device.part_size();
+    }
+
+    /// From now on the learner uses this clock.
+    pub fn run_on(&mut self, host: Host) {
+        self.host = host;
+    }
+
+    /// Where the time went so far.
+    pub fn seconds(&self) -> Seconds {
+        self.seconds
     }
 
     /// Update calls completed, the `u` of the schedule.
@@ -173,11 +188,14 @@ impl Iql {
     ) {
         let n_actions = self.network.outputs;
         // Also where chance decides: a recurrent state has to follow every observation.
+        let mut watch = Stopwatch::start(self.host);
         let out = self.acting.step(&self.network, &self.values, copies, obs);
+        watch.lap(&mut self.seconds.acting);
         actions.clear();
         for (q, avail) in out.chunks_exact(n_actions).zip(avail.chunks_exact(n_actions)) {
             actions.push(draws::epsilon_greedy(q, avail, epsilon, rng) as u16);
         }
+        watch.lap(&mut self.seconds.choosing);
     }
 
     /// One update call on a minibatch, with learning rate `lr`.
@@ -187,6 +205,7 @@ impl Iql {
     pub fn update(&mut self, episodes: &[Episode], lr: f64) -> UpdateStats {
         assert!(!episodes.is_empty(), "an update call has episodes to learn from");
         let Work { batch, part, activations: to, target_q, d_q, gradient } = &mut self.work;
+        let (mut watch, seconds) = (Stopwatch::start(self.host), &mut self.seconds);
         batch.begin(episodes, &self.network);
         self.reward_stats.standardise(self.config.reward_standardisation, &mut batch.rewards);
 
@@ -194,12 +213,16 @@ impl Iql {
         gradient.fill(0.0);
         for k in 0..batch.parts.len() {
             part.fill(batch, k, episodes, &self.network, self.config.time_limit_is_terminal);
+            watch.lap(&mut seconds.layout);
             // The target network first, so that what stays in the buffers is the pass to go back through.
             self.network.forward(&self.target_values, &part.obs, &part.steps, to);
             std::mem::swap(&mut to.out, target_q);
             self.network.forward(&self.values, &part.obs, &part.steps, to);
+            watch.lap(&mut seconds.forward);
             self.config.temporal_differences(part, batch.count, &to.out, target_q, d_q, &mut stats);
+            watch.lap(&mut seconds.loss);
             self.network.backward(&self.values, &part.obs, &part.steps, d_q, to, gradient);
+            watch.lap(&mut seconds.backward);
         }
         let (norm, factor) = clip(gradient, self.config.max_grad_norm);
         if lr > 0.0 || !self.config.hold_frozen_moments {
@@ -210,6 +233,7 @@ impl Iql {
         self.update_calls += 1;
         let (rule, target) = (self.config.target_update, &mut self.target_values);
         target::update(rule, self.update_calls, &mut self.last_target_copy, target, &self.values);
+        watch.lap(&mut seconds.optimiser);
         stats
     }
 

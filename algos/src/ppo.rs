@@ -16,30 +16,34 @@
 //! (`clip_scope = per_agent`): agents never see each other's gradients.
 //!
 //! The batch goes through the networks in parts that fit the cache. Gradients add up over the parts of an epoch, so
-//! that these are no minibatches; the critic's step waits for the actor's pass, which does not look at its weights.
+//! that these are no minibatches. The critic does not depend on the actor, so both may learn at the same time.
 //!
 //! Multi-timescale learning (§6) is no other algorithm: the caller passes this call's learning rates,
 //! and Adam's moments are kept when they change. Absent on purpose: GAE, advantage normalisation,
 //! minibatches, value clipping, early stopping, rate decay.
 
+mod actor;
 mod batch;
+mod critic;
 mod loss;
+
+use std::sync::mpsc;
 
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::acting::Acting;
-use crate::adam::{clip, Adam};
+use crate::adam::Adam;
 use crate::device::Device;
-use crate::kernels::gru::Steps;
-use crate::network::{Activations, Kind, Network};
-use crate::params::initial;
+use crate::host::{Host, Seconds, Stopwatch};
+use crate::network::{Kind, Network};
 use crate::returns::EndOfBatch;
 use crate::reward_stats::{RewardStats, Standardisation};
-use crate::rollout::{Episode, Rollout};
+use crate::rollout::Rollout;
 use crate::saved::{self, Vector};
-use crate::target;
-use batch::{Batch, Part};
+use actor::Actor;
+use batch::Batch;
+use critic::Critic;
 
 pub use crate::saved::{NamedTensor, RestoreError};
 
@@ -123,35 +127,13 @@ pub enum Choice {
 #[derive(Clone, Debug)]
 pub struct Ppo {
     config: Config,
-    actor: Network,
-    critic: Network,
-    actor_values: Vec<f32>,
-    critic_values: Vec<f32>,
-    target_values: Vec<f32>,
-    actor_adam: Adam,
-    critic_adam: Adam,
+    actor: Actor,
+    critic: Critic,
     reward_stats: RewardStats,
     update_calls: u64,
-    last_target_copy: u64,
     acting: Acting,
     batch: Batch,
-    work: Work,
-}
-
-/// Buffers of an update call, kept so that none is allocated twice.
-#[derive(Clone, Debug, Default)]
-struct Work {
-    part: Part,
-    /// Of whichever network is at it.
-    activations: Activations,
-    actor_gradient: Vec<f32>,
-    critic_gradient: Vec<f32>,
-    /// `A` of the part's rows.
-    advantages: Vec<f32>,
-    d_values: Vec<f32>,
-    d_logits: Vec<f32>,
-    /// Of all rows, part after part.
-    log_p_old: Vec<f32>,
+    host: Host,
 }
 
 impl Ppo {
@@ -160,27 +142,15 @@ impl Ppo {
         let actor =
             Network { kind: config.actor, inputs: obs_size, hidden: config.hidden, outputs: n_actions };
         let critic = Network { kind: Kind::Fc, outputs: 1, ..actor };
-        let actor_values = initial(&actor.blocks(), rng);
-        let critic_values = initial(&critic.blocks(), rng);
         Self {
-            actor_adam: Adam::new(actor_values.len()),
-            critic_adam: Adam::new(critic_values.len()),
-            target_values: critic_values.clone(),
+            config,
+            actor: Actor::new(actor, rng),
+            critic: Critic::new(critic, rng),
             reward_stats: RewardStats::default(),
             update_calls: 0,
-            last_target_copy: 0,
             acting: Acting::default(),
             batch: Batch::default(),
-            work: Work {
-                actor_gradient: vec![0.0; actor_values.len()],
-                critic_gradient: vec![0.0; critic_values.len()],
-                ..Work::default()
-            },
-            config,
-            actor,
-            critic,
-            actor_values,
-            critic_values,
+            host: Host::default(),
         }
     }
 
@@ -188,8 +158,19 @@ impl Ppo {
     /// what an update call or an action came to.
     pub fn compute_on(&mut self, device: &Device) {
         self.acting.compute_on(device);
-        self.work.activations.on = device.passes();
+        self.actor.compute_on(device);
+        self.critic.compute_on(device);
         self.batch.part_size = device.part_size();
+    }
+
+    /// From now on the learner uses this clock, and lets actor and critic learn at once if `host` does so.
+    pub fn run_on(&mut self, host: Host) {
+        self.host = host;
+    }
+
+    /// Where the time went so far.
+    pub fn seconds(&self) -> Seconds {
+        self.actor.seconds.plus(self.critic.seconds)
     }
 
     /// Update calls completed, the `u` of the schedule.
@@ -215,9 +196,12 @@ impl Ppo {
         rng: &mut impl Rng,
         actions: &mut Vec<u16>,
     ) {
-        let n_actions = self.actor.outputs;
-        let out = self.acting.step(&self.actor, &self.actor_values, copies, obs);
+        let Actor { network, values, seconds, .. } = &mut self.actor;
+        let mut watch = Stopwatch::start(self.host);
+        let out = self.acting.step(network, values, copies, obs);
+        watch.lap(&mut seconds.acting);
         actions.clear();
+        let n_actions = network.outputs;
         for (logits, avail) in out.chunks_exact_mut(n_actions).zip(avail.chunks_exact(n_actions)) {
             loss::softmax(logits, avail);
             let u = rng.random();
@@ -226,6 +210,7 @@ impl Ppo {
                 Choice::Greedy => loss::most_probable(logits),
             });
         }
+        watch.lap(&mut seconds.choosing);
     }
 
     /// One update call on a finished round, with learning rate `lr` for actor and critic in all epochs.
@@ -233,100 +218,29 @@ impl Ppo {
     /// # Panics
     /// If there is an episode without steps.
     pub fn update(&mut self, rollout: &Rollout, lr: f64) -> UpdateStats {
-        let mut batch = std::mem::take(&mut self.batch);
-        batch.begin(rollout.episodes(), &self.actor);
-        self.reward_stats.standardise(self.config.reward_standardisation, &mut batch.rewards);
-        self.compute_returns(&mut batch, rollout.episodes());
+        let Self { config, actor, critic, reward_stats, batch, host, .. } = self;
+        let episodes = rollout.episodes();
+        batch.begin(episodes, &actor.network);
+        reward_stats.standardise(config.reward_standardisation, &mut batch.rewards);
+        critic.compute_returns(config, batch, episodes, *host);
 
-        let mut sum = UpdateStats::default();
-        self.work.log_p_old.clear();
-        for _ in 0..self.config.epochs {
-            self.work.critic_gradient.fill(0.0);
-            self.work.actor_gradient.fill(0.0);
-            let mut done = 0;
-            for part in 0..batch.parts.len() {
-                self.work.part.fill(&batch, part, rollout.episodes());
-                self.add_critic_gradient(batch.rows, &mut sum);
-                self.add_actor_gradient(batch.rows, done, &mut sum);
-                done += self.work.part.steps.rows();
-            }
-            self.step(lr, &mut sum);
-        }
-        self.batch = batch;
-        self.update_calls += 1;
-        let (rule, target) = (self.config.target_update, &mut self.target_values);
-        target::update(rule, self.update_calls, &mut self.last_target_copy, target, &self.critic_values);
-        sum.scaled(1.0 / self.config.epochs as f64)
-    }
-
-    /// Values of the target critic and, from them, `G` of every step: the same in all epochs.
-    fn compute_returns(&mut self, batch: &mut Batch, episodes: &[Episode]) {
-        let Work { part, activations: to, .. } = &mut self.work;
-        let nothing = vec![0.0; self.critic.inputs];
-        self.critic.forward(&self.target_values, &nothing, &Steps::of_lengths(&[1]), to);
-        let padding = to.out[0];
-        for k in 0..batch.parts.len() {
-            part.fill_observations(batch, k, episodes);
-            self.critic.forward(&self.target_values, &part.obs, &part.steps, to);
-            batch.place_values(part, &to.out, padding);
-        }
-        batch.compute_returns(episodes, self.config.n_step, self.config.gamma, self.config.end_of_batch);
-    }
-
-    /// The critic's pass over the rows of one part, which leaves their advantages; `rows`: of the whole batch.
-    fn add_critic_gradient(&mut self, rows: usize, sum: &mut UpdateStats) {
-        let Work { part, activations: to, critic_gradient: gradient, advantages, d_values, .. } =
-            &mut self.work;
-        // dL/dV = 2 (V − G) / (n Σ m)
-        let scale = (2.0 / (rows as f64 * self.config.agents as f64)) as f32;
-        self.critic.forward(&self.critic_values, &part.obs, &part.steps, to);
-        advantages.clear();
-        advantages.extend(part.returns.iter().zip(&to.out).map(|(g, v)| g - v));
-        d_values.clear();
-        d_values.extend(advantages.iter().map(|a| -a * scale));
-        self.critic.backward(&self.critic_values, &part.obs, &part.steps, d_values, to, gradient);
-        let share =
-            |f: &dyn Fn(f64) -> f64, x: &[f32]| x.iter().map(|&x| f(f64::from(x))).sum::<f64>() / rows as f64;
-        sum.critic_loss += share(&|a| a * a, advantages);
-        sum.advantage_mean += share(&|a| a, advantages);
-        sum.target_mean += share(&|g| g, &part.returns);
-    }
-
-    /// The actor's pass over the rows of one part, the first of which is row `first` of the batch's `rows`.
-    fn add_actor_gradient(&mut self, rows: usize, first: usize, sum: &mut UpdateStats) {
-        let Work { part, activations: to, actor_gradient: gradient, advantages, d_logits, log_p_old, .. } =
-            &mut self.work;
-        self.actor.forward(&self.actor_values, &part.obs, &part.steps, to);
-        let terms = loss::Terms {
-            avail: &part.avail,
-            actions: &part.actions,
-            advantages,
-            clip: self.config.clip,
-            entropy_coef: self.config.entropy_coef,
-            scale: 1.0 / (rows as f32 * self.config.agents as f32),
+        // The critic learns from returns alone, so it need not wait for the actor; the actor waits for A.
+        let (config, batch, host) = (&*config, &*batch, *host);
+        let (advantages, from_critic) = mpsc::channel();
+        let (mut of_critic, mut of_actor) = (UpdateStats::default(), UpdateStats::default());
+        let to_actor = &mut of_actor;
+        let mut values = || {
+            let give = |a| advantages.send(a).expect("the actor takes them all");
+            of_critic = critic.learn(config, batch, episodes, lr, host, give);
         };
-        if log_p_old.len() == first {
-            // The first epoch: the actor is still the one that acted, so this forward pass gives p_old.
-            terms.log_probabilities(&to.out, log_p_old);
-        }
-        let found = terms.gradient(&to.out, &log_p_old[first..], d_logits);
-        self.actor.backward(&self.actor_values, &part.obs, &part.steps, d_logits, to, gradient);
-        sum.actor_loss += found.loss / rows as f64;
-        sum.entropy += found.entropy / rows as f64;
-        sum.clip_fraction += f64::from(found.clipped) / rows as f64;
-    }
-
-    /// The step of critic and actor that ends an epoch.
-    fn step(&mut self, lr: f64, sum: &mut UpdateStats) {
-        let Work { critic_gradient, actor_gradient, .. } = &self.work;
-        let (critic_norm, critic_factor) = clip(critic_gradient, self.config.max_grad_norm);
-        let (actor_norm, actor_factor) = clip(actor_gradient, self.config.max_grad_norm);
-        if lr > 0.0 || !self.config.hold_frozen_moments {
-            self.critic_adam.step(&mut self.critic_values, critic_gradient, critic_factor, lr);
-            self.actor_adam.step(&mut self.actor_values, actor_gradient, actor_factor, lr);
-        }
-        sum.critic_grad_norm += critic_norm;
-        sum.actor_grad_norm += actor_norm;
+        let mut policy = move || {
+            let take = || from_critic.recv().expect("the critic gives one for each part and epoch");
+            *to_actor = actor.learn(config, batch, episodes, lr, host, take);
+        };
+        (host.both)(&mut values, &mut policy);
+        self.update_calls += 1;
+        self.critic.update_target(&self.config, self.update_calls);
+        of_critic.plus(of_actor).scaled(1.0 / self.config.epochs as f64)
     }
 
     /// All tensors of the learner, named; those of the optimisers start with `adam.`.
@@ -335,14 +249,15 @@ impl Ppo {
     }
 
     fn vectors(&self) -> [Vector<'_>; 7] {
+        let Self { actor, critic, .. } = self;
         [
-            ("actor", &self.actor, &self.actor_values),
-            ("critic", &self.critic, &self.critic_values),
-            ("target_critic", &self.critic, &self.target_values),
-            ("adam.actor.m", &self.actor, &self.actor_adam.m),
-            ("adam.actor.v", &self.actor, &self.actor_adam.v),
-            ("adam.critic.m", &self.critic, &self.critic_adam.m),
-            ("adam.critic.v", &self.critic, &self.critic_adam.v),
+            ("actor", &actor.network, &actor.values),
+            ("critic", &critic.network, &critic.values),
+            ("target_critic", &critic.network, &critic.target_values),
+            ("adam.actor.m", &actor.network, &actor.adam.m),
+            ("adam.actor.v", &actor.network, &actor.adam.v),
+            ("adam.critic.m", &critic.network, &critic.adam.m),
+            ("adam.critic.v", &critic.network, &critic.adam.v),
         ]
     }
 
@@ -350,9 +265,9 @@ impl Ppo {
     pub fn counters(&self) -> Counters {
         Counters {
             update_calls: self.update_calls,
-            last_target_copy: self.last_target_copy,
-            actor_steps: self.actor_adam.steps,
-            critic_steps: self.critic_adam.steps,
+            last_target_copy: self.critic.last_target_copy,
+            actor_steps: self.actor.adam.steps,
+            critic_steps: self.critic.adam.steps,
             reward_stats: self.reward_stats,
         }
     }
@@ -366,19 +281,33 @@ impl Ppo {
         counters: &Counters,
         tensor: impl Fn(&str) -> Option<&'a [f32]>,
     ) -> Result<(), RestoreError> {
-        let [actor, critic, target, actor_m, actor_v, critic_m, critic_v] =
+        let [of_actor, of_critic, target, actor_m, actor_v, critic_m, critic_v] =
             saved::restored(self.vectors(), tensor)?;
-        (self.actor_values, self.critic_values, self.target_values) = (actor, critic, target);
-        self.actor_adam = Adam { m: actor_m, v: actor_v, steps: counters.actor_steps };
-        self.critic_adam = Adam { m: critic_m, v: critic_v, steps: counters.critic_steps };
+        let Self { actor, critic, .. } = self;
+        (actor.values, critic.values, critic.target_values) = (of_actor, of_critic, target);
+        actor.adam = Adam { m: actor_m, v: actor_v, steps: counters.actor_steps };
+        critic.adam = Adam { m: critic_m, v: critic_v, steps: counters.critic_steps };
+        critic.last_target_copy = counters.last_target_copy;
         self.reward_stats = counters.reward_stats;
         self.update_calls = counters.update_calls;
-        self.last_target_copy = counters.last_target_copy;
         Ok(())
     }
 }
 
 impl UpdateStats {
+    fn plus(self, other: Self) -> Self {
+        Self {
+            actor_loss: self.actor_loss + other.actor_loss,
+            critic_loss: self.critic_loss + other.critic_loss,
+            entropy: self.entropy + other.entropy,
+            actor_grad_norm: self.actor_grad_norm + other.actor_grad_norm,
+            critic_grad_norm: self.critic_grad_norm + other.critic_grad_norm,
+            clip_fraction: self.clip_fraction + other.clip_fraction,
+            advantage_mean: self.advantage_mean + other.advantage_mean,
+            target_mean: self.target_mean + other.target_mean,
+        }
+    }
+
     fn scaled(self, by: f64) -> Self {
         Self {
             actor_loss: self.actor_loss * by,

@@ -1,6 +1,7 @@
 //! PPO against a slow reference written straight from the equations of the spec: dense
 //! `B × T` tensors with masks, double precision, candle's automatic differentiation, no kernels of ours.
 
+use algos::host::Host;
 use algos::network::Kind;
 use algos::ppo::{Choice, Config, Ppo};
 use algos::returns::EndOfBatch;
@@ -231,10 +232,42 @@ fn a_recurrent_learner_follows_the_plain_reference_through_episodes_of_all_lengt
     compare(config(Kind::Gru), &[6, 9, 3, 9, 1, 8], 1.0);
 }
 
+/// More than one part of a batch holds: 512 rows, 16 episodes.
+fn many(episodes: usize) -> Vec<usize> {
+    (0..episodes).map(|k| 1 + (k * 7) % 13).collect()
+}
+
+#[test]
+fn batches_of_several_parts_follow_the_plain_reference_too() {
+    compare(config(Kind::Fc), &many(120), 1.0);
+    compare(config(Kind::Gru), &many(37), 1.0);
+}
+
 #[test]
 fn polyak_targets_and_clipped_gradients_follow_the_plain_reference() {
     // Rewards of this size give gradients far over the norm of 10, times 1/n.
     compare(Config { target_update: 0.01, ..config(Kind::Gru) }, &[5, 7, 7], 500.0);
+}
+
+#[test]
+fn actor_and_critic_that_learn_at_once_come_to_the_same_bits() {
+    let at_once = |first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)| {
+        std::thread::scope(|threads| {
+            threads.spawn(first);
+            second();
+        });
+    };
+    for kind in [Kind::Fc, Kind::Gru] {
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let mut learner = Ppo::new(config(kind), OBS, ACTIONS, &mut rng);
+        let mut other = learner.clone();
+        other.run_on(Host { both: at_once, ..Host::default() });
+        for _ in 0..3 {
+            let rollout = play(&mut learner, &many(60), 1.0, &mut rng);
+            assert_eq!(learner.update(&rollout, 1e-3), other.update(&rollout, 1e-3));
+            assert_eq!(learner.tensors(), other.tensors());
+        }
+    }
 }
 
 #[test]

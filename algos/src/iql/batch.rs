@@ -140,7 +140,7 @@ mod tests {
         let episodes = [episode(10.0, 1, End::Terminated), episode(20.0, 2, End::TimeLimit)];
         let (mut batch, mut part) = (Batch::default(), Part::default());
         batch.begin(&episodes, &network);
-        assert_eq!((batch.parts.as_slice(), batch.count), ([0..2].as_slice(), 3));
+        assert_eq!((batch.parts.len(), batch.parts[0].clone(), batch.count), (1, 0..2, 3));
         assert_eq!(batch.rewards, [-20.0, -21.0, -10.0, 0.0]);
         for limit_is_terminal in [true, false] {
             part.fill(&batch, 0, &episodes, &network, limit_is_terminal);
