@@ -71,7 +71,7 @@ fn episodes(rng: &mut ChaCha8Rng) -> Vec<Episode> {
             avail,
             actions,
             rewards: (0..length).map(|_| rng.random_range(-1.0..1.0)).collect(),
-            end: if length % 2 == 0 { End::Terminated } else { End::TimeLimit },
+            end: if length.is_multiple_of(2) { End::Terminated } else { End::TimeLimit },
         }
     };
     LENGTHS.map(of_length).to_vec()
