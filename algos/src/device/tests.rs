@@ -5,7 +5,6 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::*;
-use crate::host::Host;
 use crate::iql::{self, Iql};
 use crate::kernels::gru::Steps;
 use crate::network::{ActWork, Activations, Kind, Network};
@@ -120,20 +119,11 @@ fn close(what: &str, found: f64, expected: f64) {
     assert!((found - expected).abs() < 1e-4 * (1.0 + expected.abs()), "{what}: {found} {expected}");
 }
 
-/// Actor and critic use the device from two threads.
-fn at_once(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
-    std::thread::scope(|threads| {
-        threads.spawn(first);
-        second();
-    });
-}
-
 fn ppo_follows(device: &Device, kind: Kind) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut here = Ppo::new(ppo_config(kind), OBS, ACTIONS, &mut rng);
     let (start, mut there) = (here.clone(), here.clone());
     there.compute_on(device);
-    there.run_on(Host { both: at_once, ..Host::default() });
     for call in 1..=CALLS {
         let rollout = rollout(&mut rng);
         let (expected, found) = (here.update(&rollout, 1e-3), there.update(&rollout, 1e-3));
