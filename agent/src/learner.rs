@@ -3,6 +3,7 @@
 
 use std::collections::VecDeque;
 
+use algos::device::{Device, DeviceName};
 use algos::host::{Host, Seconds};
 use algos::iql::{self, Iql};
 use algos::ppo::{self, Choice, Ppo};
@@ -32,6 +33,14 @@ pub struct Saved {
     pub unlogged: Unlogged,
     /// How far metrics.jsonl had come.
     pub metrics: Position,
+    /// The kind of device that the last round was learned on.
+    #[serde(default = "on_cpu")]
+    pub device: String,
+}
+
+/// What checkpoints were made on that say nothing about it.
+fn on_cpu() -> String {
+    DeviceName::Cpu.kind().to_owned()
 }
 
 /// The counters of one kind of learner.
@@ -55,6 +64,9 @@ pub struct Learner {
     rounds: u64,
     seed: u64,
     id: u32,
+    device: Device,
+    /// The device's kind.
+    device_kind: &'static str,
     rollout: Rollout,
     actions: Vec<u16>,
     /// Rows that still run, when not all of a tick do.
@@ -111,6 +123,8 @@ impl Learner {
             rounds: 0,
             seed: config.seed,
             id,
+            device: Device::default(),
+            device_kind: DeviceName::Cpu.kind(),
             rollout: Rollout::default(),
             actions: Vec::new(),
             running: Running::default(),
@@ -142,6 +156,29 @@ impl Learner {
             q.saved.extend(saved.is_some().then_some(remembered));
         }
         Ok((learner, saved))
+    }
+
+    /// From now on computes on this device, which has been opened in this thread.
+    pub fn compute_on(&mut self, name: DeviceName, device: Device) {
+        match &mut self.method {
+            Method::Ppo { ppo, .. } => ppo.compute_on(&device),
+            Method::Q(q) => q.iql.compute_on(&device),
+        }
+        (self.device, self.device_kind) = (device, name.kind());
+    }
+
+    /// Whether the device has computed everything that it was asked for; if not, what was learned or chosen since
+    /// the last checkpoint is of no use.
+    ///
+    /// # Errors
+    /// With the first failure.
+    pub fn check_device(&self) -> Result<(), Failure> {
+        self.device.check().map_err(|error| {
+            let hint =
+                "hint: the last checkpoint is intact; is the GPU's memory full? `rondo resume` goes on from \
+                        there, with `--device cpu` too";
+            Failure::new(exit::AGAIN, format!("{error}\n{hint}"))
+        })
     }
 
     /// Training rounds completed.
@@ -267,10 +304,10 @@ impl Learner {
     /// One lesson, with at most one update call at the learning rate `lr`; what it reports.
     ///
     /// # Errors
-    /// If the disk fails on which episodes are remembered.
+    /// If the device fails, or the disk on which episodes are remembered.
     pub fn learn(&mut self, lesson: usize, t_env: u64, lr: f64) -> Result<Option<Scalars>, Failure> {
-        match &mut self.method {
-            Method::Ppo { ppo, .. } => Ok(Some(of_ppo(&ppo.update(&self.rollout, lr), lr))),
+        let scalars = match &mut self.method {
+            Method::Ppo { ppo, .. } => Some(of_ppo(&ppo.update(&self.rollout, lr), lr)),
             Method::Q(q) => {
                 let epsilon = q.epsilon(t_env);
                 let replay = q.replay.as_mut().expect("a learner that learns was started with one");
@@ -281,9 +318,11 @@ impl Learner {
                 }
                 let mut rng = stream(self.seed, &owner(self.id), "replay", &[q.iql.update_calls()]);
                 let stats = q.iql.update(replay.sample(batch, &mut rng)?, lr);
-                Ok(Some(of_q(&stats, lr, epsilon)))
+                Some(of_q(&stats, lr, epsilon))
             }
-        }
+        };
+        self.check_device()?;
+        Ok(scalars)
     }
 
     /// Ends the round whose lessons have been learned.
@@ -303,7 +342,13 @@ impl Learner {
                 (Counters::Q { counters: q.iql.counters(), remembered }, q.iql.tensors())
             }
         };
-        let saved = Saved { rounds: self.rounds, counters, unlogged: unlogged.clone(), metrics };
+        let saved = Saved {
+            rounds: self.rounds,
+            counters,
+            unlogged: unlogged.clone(),
+            metrics,
+            device: self.device_kind.to_owned(),
+        };
         let state = serde_json::to_vec(&saved).expect("numbers and strings always serialise");
         let tensors = tensors.into_iter();
         let tensors =

@@ -21,10 +21,41 @@ mod progress;
 
 use std::process::ExitCode;
 
+use algos::device::DeviceName;
+use process::Failure;
 use proto::exit;
 
 pub use learner::{owner, Learner};
 pub use train::{run, Left};
+
+/// Where an agent computes: an option of every command that runs one, and no part of the configuration, which
+/// says what a run is and not on what machine.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct DeviceArgument {
+    /// Where update calls and large batches are computed: cpu, cuda (the first GPU) or cuda:N
+    #[arg(long, value_name = "DEVICE", default_value_t = DeviceName::Cpu)]
+    pub device: DeviceName,
+}
+
+impl DeviceArgument {
+    /// Refuses a device that this build cannot use, before anything starts.
+    ///
+    /// # Errors
+    /// With [`exit::CONFIG`].
+    pub fn check(&self) -> Result<DeviceName, Failure> {
+        self.device.check().map_err(|error| Failure::new(exit::CONFIG, error))?;
+        Ok(self.device)
+    }
+}
+
+/// What an agent computes with. None of it is part of a configuration.
+#[derive(Debug, Clone, Copy)]
+pub struct Machine {
+    /// Where update calls and large batches are computed.
+    pub device: DeviceName,
+    /// With more than one, actor and critic learn at once.
+    pub threads: usize,
+}
 
 /// Arguments of the role's process.
 #[derive(Debug, Clone, clap::Args)]
@@ -41,15 +72,19 @@ pub struct Arguments {
     /// as many as there are processors
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=2))]
     pub threads: Option<u8>,
+    #[command(flatten)]
+    pub device: DeviceArgument,
 }
 
 /// The whole process: opens what the arguments say and runs until the run ends.
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || {
+        let device = arguments.device.check()?;
         let name = format!("agent-{}", arguments.id);
         let role = arguments.common.open(&name, vec![], arguments.connect.clone())?;
         let processors = || std::thread::available_parallelism().map_or(1, usize::from);
-        run(role, arguments.id, arguments.threads.map_or_else(processors, usize::from))
+        let threads = arguments.threads.map_or_else(processors, usize::from);
+        run(role, arguments.id, Machine { device, threads })
     };
     match attempt() {
         Ok(Left::Finished) => ExitCode::from(exit::DONE),

@@ -5,6 +5,7 @@ use std::hash::BuildHasher;
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant, SystemTime};
 
+use algos::device::{Device, DeviceName};
 use bus::{Event, Publisher};
 use process::{Failure, Ignored, Role, Scalars};
 use proto::codec::{decode, encode};
@@ -23,6 +24,7 @@ use crate::join::take_seat;
 use crate::learner::{owner, Learner};
 use crate::progress::{metrics, timed, Seconds, Unlogged};
 use crate::timetable::Timetable;
+use crate::Machine;
 
 /// An env-server that is gone may come back, for example after a network's hiccup; after this long the
 /// agent gives up.
@@ -44,6 +46,7 @@ pub enum Left {
 #[derive(Serialize)]
 struct Report {
     role: &'static str,
+    device: String,
     update_calls: u64,
     seconds: Seconds,
     /// Of them, the learner's own, by kernel.
@@ -56,21 +59,23 @@ struct Report {
     traffic: Vec<(String, u64, u64)>,
 }
 
-/// Runs one agent until the run ends. With more than one of the `threads`, actor and critic learn at once.
+/// Runs one agent until the run ends.
 ///
 /// # Errors
-/// If it gets no seat within `role.wait`, loses the env-server, hears nothing for as long, is told no learning
-/// rate, or the disk fails.
-pub fn run(role: Role, id: u32, threads: usize) -> Result<Left, Failure> {
+/// If the device cannot be used or fails, or it gets no seat within `role.wait`, loses the env-server, hears
+/// nothing for as long, is told no learning rate, or the disk fails.
+pub fn run(role: Role, id: u32, machine: Machine) -> Result<Left, Failure> {
+    // Before others wait for this agent.
+    let opened = machine.device.open().map_err(|error| Failure::new(exit::CONFIG, error))?;
     let join = Join {
         config_digest: role.config.digest(),
         nonce: nonce(),
         checkpoints: role.folder.checkpoints().rounds()?,
     };
     let seat = take_seat(&role, id, &join)?;
-    tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, "has a seat");
+    tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, device = %machine.device, "has a seat");
 
-    let mut agent = Agent::start(&role, id, seat, threads)?;
+    let mut agent = Agent::start(&role, id, seat, machine, opened)?;
     // The token comes last: whoever sees it knows that the subscriptions are there.
     let _schedule = role.bus.subscribe(&role.keys.schedule(), role.inbox.clone())?;
     let _observe = role.bus.subscribe(&role.keys.observe(id), role.inbox.clone())?;
@@ -87,6 +92,7 @@ fn nonce() -> u64 {
 struct Agent<'a> {
     role: &'a Role,
     id: u32,
+    device: DeviceName,
     seat: Seat,
     learner: Learner,
     timetable: Timetable,
@@ -113,10 +119,27 @@ struct Round {
 }
 
 impl<'a> Agent<'a> {
-    fn start(role: &'a Role, id: u32, seat: Seat, threads: usize) -> Result<Self, Failure> {
+    fn start(
+        role: &'a Role,
+        id: u32,
+        seat: Seat,
+        Machine { device, threads }: Machine,
+        opened: Device,
+    ) -> Result<Self, Failure> {
         let Role { bus, keys, config, folder, .. } = role;
         let (mut learner, saved) = Learner::start(config, id, &seat, folder)?;
+        learner.compute_on(device, opened);
         learner.run_on(host(threads));
+        if let Some(before) = saved.as_ref().map(|saved| &saved.device).filter(|kind| *kind != device.kind())
+        {
+            tracing::warn!(
+                agent = id,
+                round = seat.round,
+                before,
+                now = device.kind(),
+                "goes on on another kind of device: from here on the last bits differ from those of a run that stayed"
+            );
+        }
         let (unlogged, position) = match saved {
             Some(saved) => (saved.unlogged, saved.metrics),
             None => (Unlogged::default(), Position::START),
@@ -130,6 +153,7 @@ impl<'a> Agent<'a> {
             saved: (seat.round > 0).then_some(seat.round),
             role,
             id,
+            device,
             seat,
             learner,
             timetable: Timetable::default(),
@@ -188,6 +212,7 @@ impl<'a> Agent<'a> {
         self.save()?;
         self.role.folder.write_result(&Report {
             role: "agent",
+            device: self.device.to_string(),
             update_calls: self.learner.update_calls(),
             seconds: self.seconds,
             learner_seconds: self.learner.seconds(),
@@ -252,6 +277,8 @@ impl<'a> Agent<'a> {
             let chosen = timed(&mut agent.seconds.inference, || agent.learner.tick(observe, learning, rng));
             actions.extend_from_slice(chosen);
         })?;
+        // Whatever has been answered, no round is finished with it.
+        self.learner.check_device()?;
         if over && learning {
             self.learn(observe.t_env)?;
         }

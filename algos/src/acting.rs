@@ -1,5 +1,6 @@
 //! A network stepping through several environment copies at once, with a recurrent state for each.
 
+use crate::device::Device;
 use crate::network::{ActWork, Network};
 
 /// Recurrent states of the environment copies and the buffers of a tick.
@@ -13,6 +14,11 @@ pub(crate) struct Acting {
 }
 
 impl Acting {
+    /// From now on ticks of many rows are computed there.
+    pub fn compute_on(&mut self, device: &Device) {
+        self.work.on = device.passes();
+    }
+
     /// Starts an episode in each of `copies` environment copies: recurrent states are zero.
     pub fn begin(&mut self, copies: usize, hidden: usize) {
         self.states.clear();

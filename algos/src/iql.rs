@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::acting::Acting;
 use crate::adam::{clip, Adam};
+use crate::device::Device;
 use crate::host::{Host, Seconds, Stopwatch};
 use crate::network::{Activations, Kind, Network};
 use crate::params::initial;
@@ -142,6 +143,14 @@ impl Iql {
             network,
             values,
         }
+    }
+
+    /// From now on the networks' passes are computed there. The caller asks [`Device::check`] before it relies on
+    /// what an update call or an action came to.
+    pub fn compute_on(&mut self, device: &Device) {
+        self.acting.compute_on(device);
+        self.work.activations.on = device.passes();
+        self.work.batch.part_size = device.part_size();
     }
 
     /// From now on the learner uses this clock.

@@ -5,7 +5,8 @@
 //! order, so that the same inputs give the same bits.
 //!
 //! Reading order: [`ppo`] and [`iql`] are the algorithms; [`rollout`] is what they learn from; [`returns`],
-//! [`reward_stats`] and [`adam`] are their parts; [`network`] and [`kernels`] are the arithmetic.
+//! [`reward_stats`] and [`adam`] are their parts; [`network`] and [`kernels`] are the arithmetic, and
+//! [`device`] is where else it can be done.
 
 pub mod iql;
 pub mod ppo;
@@ -22,4 +23,5 @@ pub mod reward_stats;
 pub mod saved;
 mod target;
 
+pub mod device;
 pub mod kernels;

@@ -7,6 +7,7 @@
 //!
 //! No layer norm, no dropout, no orthogonal initialisation, no output scaling.
 
+use crate::device::{Passes, ROWS_TO_ACT_ON_GPU};
 use crate::kernels::gru::{Gru, GruCache, GruGradient, Steps};
 use crate::kernels::linear::{add_weight_gradient, relu_backward, Linear};
 use crate::params::{take, take_mut, Block};
@@ -36,6 +37,8 @@ pub struct Network {
 /// Activations kept from a forward pass for its backward pass, and work space.
 #[derive(Clone, Debug, Default)]
 pub struct Activations {
+    /// Where the passes are made, if not here; they then leave nothing but `out`.
+    pub(crate) on: Option<Passes>,
     x: Vec<f32>,
     h: Vec<f32>,
     gru: GruCache,
@@ -48,6 +51,8 @@ pub struct Activations {
 /// Work space of [`Network::act`].
 #[derive(Clone, Debug, Default)]
 pub struct ActWork {
+    /// Where ticks of many rows are computed, if not here.
+    pub(crate) on: Option<Passes>,
     x: Vec<f32>,
     h: Vec<f32>,
     gx: Vec<f32>,
@@ -113,6 +118,9 @@ impl Network {
 
     /// Runs `o` (`steps.rows() × inputs`, packed by time) through the network; the result is `to.out`.
     pub fn forward(&self, values: &[f32], o: &[f32], steps: &Steps, to: &mut Activations) {
+        if let Some(device) = &mut to.on {
+            return device.forward(self, values, o, steps, &mut to.out);
+        }
         let rows = steps.rows();
         let layers = self.layers(values);
         layers.first.forward_relu(o, rows, &mut to.x);
@@ -140,6 +148,9 @@ impl Network {
         from: &mut Activations,
         gradient: &mut [f32],
     ) {
+        if let Some(device) = &mut from.on {
+            return device.backward(steps, d_out, gradient);
+        }
         let (rows, h) = (steps.rows(), self.hidden);
         let layers = self.layers(values);
         let mut rest = gradient;
@@ -178,6 +189,9 @@ impl Network {
     /// One time step for `rows` rows while acting; the result is `work.out`. `state` (`rows × H`) is
     /// advanced by a recurrent network and ignored by a feed-forward one.
     pub fn act(&self, values: &[f32], o: &[f32], rows: usize, state: &mut [f32], work: &mut ActWork) {
+        if let Some(device) = work.on.as_ref().filter(|_| rows >= ROWS_TO_ACT_ON_GPU) {
+            return device.act(self, values, o, rows, state, &mut work.out);
+        }
         let layers = self.layers(values);
         layers.first.forward_relu(o, rows, &mut work.x);
         match layers.middle {

@@ -12,12 +12,30 @@ const ROWS: usize = 512;
 /// A part of a recurrent batch has no more episodes: enough rows of one time step for fast products.
 const EPISODES: usize = 16;
 
+/// A part for a GPU has no more rows, unless a single episode has: as many as it takes to keep one busy, and with
+/// networks 128 wide about a gigabyte of activations.
+const ROWS_ON_GPU: usize = 65_536;
+
+/// What a part has to fit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum PartSize {
+    /// A processor's cache.
+    #[default]
+    Cache,
+    /// A GPU and its memory.
+    Gpu,
+}
+
 /// Which of the episodes that have `rows` rows each, in this order, make up each part. Depends on nothing else,
 /// because the parts fix the order of summation.
-pub(crate) fn parts(kind: Kind, rows: &[usize]) -> Vec<Range<usize>> {
-    let fits = |part: &Range<usize>, next: usize| match kind {
-        Kind::Fc => rows[part.clone()].iter().sum::<usize>() + rows[next] <= ROWS,
-        Kind::Gru => part.len() < EPISODES,
+pub(crate) fn parts(kind: Kind, rows: &[usize], size: PartSize) -> Vec<Range<usize>> {
+    let fits = |part: &Range<usize>, next: usize| {
+        let rows_with_next = || rows[part.start..=next].iter().sum::<usize>();
+        match (size, kind) {
+            (PartSize::Cache, Kind::Fc) => rows_with_next() <= ROWS,
+            (PartSize::Cache, Kind::Gru) => part.len() < EPISODES,
+            (PartSize::Gpu, _) => rows_with_next() <= ROWS_ON_GPU,
+        }
     };
     let mut parts: Vec<Range<usize>> = Vec::new();
     for next in 0..rows.len() {
@@ -35,9 +53,17 @@ mod tests {
 
     #[test]
     fn feed_forward_parts_are_cut_by_rows_and_recurrent_ones_by_episodes() {
-        assert_eq!(parts(Kind::Fc, &[300, 200, 12, 1]), [0..3, 3..4]);
-        assert_eq!(parts(Kind::Fc, &[5000, 500, 13]), [0..1, 1..2, 2..3]);
-        assert_eq!(parts(Kind::Gru, &[900; 33]), [0..16, 16..32, 32..33]);
-        assert!(parts(Kind::Gru, &[]).is_empty());
+        assert_eq!(parts(Kind::Fc, &[300, 200, 12, 1], PartSize::Cache), [0..3, 3..4]);
+        assert_eq!(parts(Kind::Fc, &[5000, 500, 13], PartSize::Cache), [0..1, 1..2, 2..3]);
+        assert_eq!(parts(Kind::Gru, &[900; 33], PartSize::Cache), [0..16, 16..32, 32..33]);
+        assert!(parts(Kind::Gru, &[], PartSize::Cache).is_empty());
+    }
+
+    #[test]
+    fn parts_for_a_gpu_are_large_for_both_kinds() {
+        for kind in [Kind::Fc, Kind::Gru] {
+            assert_eq!(parts(kind, &[50; 1311], PartSize::Gpu), [0..1310, 1310..1311]);
+            assert_eq!(parts(kind, &[65_000, 536, 1, 70_000, 2], PartSize::Gpu), [0..2, 2..3, 3..4, 4..5]);
+        }
     }
 }

@@ -34,6 +34,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::acting::Acting;
 use crate::adam::Adam;
+use crate::device::Device;
 use crate::host::{Host, Seconds, Stopwatch};
 use crate::network::{Kind, Network};
 use crate::returns::EndOfBatch;
@@ -151,6 +152,15 @@ impl Ppo {
             batch: Batch::default(),
             host: Host::default(),
         }
+    }
+
+    /// From now on the networks' passes are computed there. The caller asks [`Device::check`] before it relies on
+    /// what an update call or an action came to.
+    pub fn compute_on(&mut self, device: &Device) {
+        self.acting.compute_on(device);
+        self.actor.compute_on(device);
+        self.critic.compute_on(device);
+        self.batch.part_size = device.part_size();
     }
 
     /// From now on the learner uses this clock, and lets actor and critic learn at once if `host` does so.

@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use agent::Machine;
 use nix::sys::signal::{kill, Signal};
 use nix::unistd::Pid;
 use process::{Failure, LISTENING};
@@ -66,7 +67,7 @@ impl ChildProcesses {
         folder: &RunFolder,
         config: &Config,
         wait: Duration,
-        threads: usize,
+        machine: Machine,
         transport: Transport,
         news: &Sender<News>,
     ) -> Result<Self, Failure> {
@@ -106,7 +107,11 @@ impl ChildProcesses {
             }
         }
         for id in 0..config.world.agents {
-            let own = [format!("--id={id}"), format!("--threads={threads}")];
+            let own = [
+                format!("--id={id}"),
+                format!("--device={}", machine.device),
+                format!("--threads={}", machine.threads),
+            ];
             let arguments = common.iter().chain(&dial).chain(&own);
             roles.spawn("agent", &format!("agent-{id}"), arguments, news, None)?;
         }

@@ -5,6 +5,8 @@ use std::sync::mpsc::{channel, Receiver, RecvTimeoutError, Sender};
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant, SystemTime};
 
+use agent::Machine;
+use algos::device::DeviceName;
 use process::Failure;
 use proto::config::Config;
 use proto::exit;
@@ -32,6 +34,8 @@ pub enum Place {
 #[derive(Debug, Clone, Copy)]
 pub struct Options {
     pub place: Place,
+    /// Where agents compute.
+    pub device: DeviceName,
     /// How long roles wait for each other.
     pub wait: Duration,
     pub show: Show,
@@ -53,11 +57,12 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     let start = SystemTime::now();
     let mut display = Display::new(config, options.show);
     let processors = available_parallelism().map_or(1, usize::from);
-    let threads = threads_to_learn(options.teams.saturating_mul(config.world.agents) as usize, processors);
+    let agents = options.teams.saturating_mul(config.world.agents) as usize;
+    let machine = Machine { device: options.device, threads: threads_to_learn(agents, processors) };
     let mut roles: Box<dyn Roles> = match options.place {
-        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, threads, &sender)?),
+        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, machine, &sender)?),
         Place::Processes(transport) => {
-            Box::new(ChildProcesses::start(folder, config, options.wait, threads, transport, &sender)?)
+            Box::new(ChildProcesses::start(folder, config, options.wait, machine, transport, &sender)?)
         }
     };
     let count = config.world.agents as usize + 2;

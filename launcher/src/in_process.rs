@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use agent::Machine;
 use bus::{Bus, Event, Inbox};
 use process::{Failure, Role};
 use proto::config::Config;
@@ -31,7 +32,7 @@ impl InProcess {
         folder: &RunFolder,
         config: &Config,
         wait: Duration,
-        threads: usize,
+        machine: Machine,
         news: &Sender<News>,
     ) -> Result<Self, Failure> {
         let hub = bus::memory();
@@ -62,7 +63,7 @@ impl InProcess {
         let mut others = vec![begin("coordinator".to_owned(), coordinator)?];
         for id in 0..config.world.agents {
             let agent = Box::new(move |role| {
-                agent::run(role, id, threads).map(|left| match left {
+                agent::run(role, id, machine).map(|left| match left {
                     agent::Left::Finished => Ended::Finished,
                     agent::Left::Stopped => Ended::Stopped,
                 })

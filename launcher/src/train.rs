@@ -27,6 +27,8 @@ pub struct Running {
     /// How the processes reach each other
     #[arg(long, value_enum, default_value = "unix")]
     pub transport: Transport,
+    #[command(flatten)]
+    pub device: agent::DeviceArgument,
     /// Seconds that roles wait for each other before they give up
     #[arg(long, value_name = "SECONDS", default_value_t = 60)]
     pub wait: u64,
@@ -40,11 +42,15 @@ pub struct Running {
 
 impl Running {
     /// `teams`: how many train on this machine at the same time.
-    fn options(&self, teams: u32) -> Options {
+    ///
+    /// # Errors
+    /// If this build cannot compute on the device.
+    fn options(&self, teams: u32) -> Result<Options, Failure> {
         if self.with_launcher {
             process::leave_with_launcher();
         }
-        Options {
+        Ok(Options {
+            device: self.device.check()?,
             place: if self.in_process { Place::InProcess } else { Place::Processes(self.transport) },
             wait: Duration::from_secs(self.wait),
             teams,
@@ -53,7 +59,7 @@ impl Running {
                 (false, true) => Show::Lines,
                 (false, false) => Show::Best,
             },
-        }
+        })
     }
 }
 
@@ -80,6 +86,7 @@ impl Train {
         if self.seeds == 0 || self.jobs == 0 {
             return Err(Failure::new(exit::USAGE, "`--seeds` and `--jobs` are counted from 1"));
         }
+        let options = self.running.options(self.jobs)?;
         let algo = &self.experiment.algo;
         if self.seeds > 1 {
             // Mistakes are found before the first seed starts.
@@ -97,7 +104,7 @@ impl Train {
         process::start_logs(None);
         let folder = RunFolder::create(&out, &config.to_toml())?;
         self.experiment.furnish(&folder)?;
-        finish(&folder, &config, self.running.options(self.jobs))
+        finish(&folder, &config, options)
     }
 }
 
@@ -112,11 +119,12 @@ pub struct Resume {
 
 impl Resume {
     pub fn run(&self) -> Result<ExitCode, Failure> {
+        let options = self.running.options(1)?;
         let folder = RunFolder::open(&self.run)?;
         let config = Config::from_toml(folder.config_toml())?;
         config.validate()?;
         process::start_logs(None);
-        finish(&folder, &config, self.running.options(1))
+        finish(&folder, &config, options)
     }
 }
 

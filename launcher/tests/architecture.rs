@@ -135,10 +135,16 @@ fn what_has_one_door_is_named_by_one_crate() {
 }
 
 #[test]
-fn candle_is_an_oracle_for_tests_only() {
-    let manifest = manifest("algos");
-    let built = manifest["dependencies"].as_table().expect("a table");
-    assert!(built.keys().all(|name| !name.starts_with("candle")), "algos is built with candle");
+fn candle_is_built_for_tests_and_for_gpus_only() {
+    let algos = manifest("algos");
+    for (name, how) in algos["dependencies"].as_table().expect("a table") {
+        let optional = how.get("optional").and_then(toml::Value::as_bool) == Some(true);
+        assert!(!name.starts_with("candle") || optional, "algos is built with {name}");
+    }
+    for name in ["algos", "agent", TOP] {
+        let features = &manifest(name)["features"];
+        assert!(features.get("cuda").is_some() && features.get("default").is_none(), "features of {name}");
+    }
 }
 
 #[test]

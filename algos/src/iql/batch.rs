@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use crate::kernels::gru::Steps;
 use crate::network::Network;
-use crate::parts::parts;
+use crate::parts::{parts, PartSize};
 use crate::rollout::{End, Episode};
 
 /// `B` episodes; `T` is the longest length.
@@ -16,6 +16,7 @@ pub struct Batch {
     order: Vec<usize>,
     /// Which of them go through the networks together.
     pub parts: Vec<Range<usize>>,
+    pub part_size: PartSize,
     /// Steps taken in all, `Σ m`.
     pub count: usize,
     /// `B × T` team rewards, zero after an episode's end: what standardisation works on (§2.6).
@@ -35,7 +36,7 @@ impl Batch {
         self.order.sort_by_key(|&k| Reverse(episodes[k].len()));
         let sorted = || self.order.iter().map(|&k| &episodes[k]);
         let rows: Vec<_> = sorted().map(|episode| episode.len() + 1).collect();
-        self.parts = parts(network.kind, &rows);
+        self.parts = parts(network.kind, &rows, self.part_size);
         self.count = sorted().map(Episode::len).sum();
         let longest = sorted().next().map_or(0, Episode::len);
         self.rewards.clear();

@@ -86,7 +86,7 @@ mod tests {
             assert!(sample.iter().all(|&i| i < 32));
         }
         assert_ne!(sample_distinct(32, 32, &mut rng), (0..32).collect::<Vec<_>>(), "the order is random");
-        assert_eq!(sample_distinct(0, 0, &mut rng), []);
+        assert_eq!(sample_distinct(0, 0, &mut rng), [0usize; 0]);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use rand::Rng;
 use super::batch::{Batch, Part};
 use super::{loss, Config, UpdateStats};
 use crate::adam::{clip, Adam};
+use crate::device::Device;
 use crate::host::{Host, Seconds, Stopwatch};
 use crate::network::{Activations, Network};
 use crate::params::initial;
@@ -39,6 +40,10 @@ impl Actor {
             network,
             values,
         }
+    }
+
+    pub fn compute_on(&mut self, device: &Device) {
+        self.activations.on = device.passes();
     }
 
     /// The actor's part of all epochs. `take` gives what the critic gives out.

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use crate::kernels::gru::Steps;
 use crate::network::Network;
-use crate::parts::parts;
+use crate::parts::{parts, PartSize};
 use crate::returns::{self, n_step_returns, EndOfBatch};
 use crate::rollout::{End, Episode};
 
@@ -18,6 +18,7 @@ pub struct Batch {
     n_actions: usize,
     /// Which of them go through the networks together.
     pub parts: Vec<Range<usize>>,
+    pub part_size: PartSize,
     /// Steps taken in all, `Σ m`.
     pub rows: usize,
     /// `B × T` team rewards, zero after an episode's end.
@@ -41,7 +42,7 @@ impl Batch {
         // Stable, so that equally long episodes stay in the order of their copies.
         self.order.sort_by_key(|&k| Reverse(episodes[k].len()));
         let lengths: Vec<_> = self.order.iter().map(|&k| episodes[k].len()).collect();
-        self.parts = parts(actor.kind, &lengths);
+        self.parts = parts(actor.kind, &lengths, self.part_size);
         self.rows = lengths.iter().sum();
         let longest = lengths.first().copied().unwrap_or(0);
         self.rewards.clear();

@@ -5,6 +5,7 @@ use rand::Rng;
 use super::batch::{Batch, Part};
 use super::{Config, UpdateStats};
 use crate::adam::{clip, Adam};
+use crate::device::Device;
 use crate::host::{Host, Seconds, Stopwatch};
 use crate::kernels::gru::Steps;
 use crate::network::{Activations, Network};
@@ -43,6 +44,10 @@ impl Critic {
             network,
             values,
         }
+    }
+
+    pub fn compute_on(&mut self, device: &Device) {
+        self.activations.on = device.passes();
     }
 
     /// Values of the target critic and, from them, `G` of every step: the same in all epochs.

@@ -11,6 +11,7 @@ mod compare;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use algos::device::DeviceName;
 use nix::sched::{sched_setaffinity, CpuSet};
 use nix::unistd::Pid;
 use process::Failure;
@@ -299,7 +300,13 @@ fn one(experiment: &Experiment, place: Place) -> Result<Summary, Failure> {
     let place_of_run = tempfile::tempdir()
         .map_err(|e| Failure::new(exit::IO, format!("cannot make a folder for the run: {e}")))?;
     let folder = RunFolder::create(place_of_run.path().join("run"), &config.to_toml())?;
-    let options = Options { place, wait: Duration::from_secs(60), show: Show::Nothing, teams: 1 };
+    let options = Options {
+        place,
+        device: DeviceName::Cpu,
+        wait: Duration::from_secs(60),
+        show: Show::Nothing,
+        teams: 1,
+    };
     let (ended, summary) = drive(&folder, &config, options)?;
     if ended == Ended::Stopped {
         return Err(Failure::new(exit::AGAIN, "the measurement was stopped"));
