@@ -129,7 +129,8 @@ impl<'a> Agent<'a> {
         let Role { bus, keys, config, folder, .. } = role;
         let (mut learner, saved) = Learner::start(config, id, &seat, folder)?;
         learner.compute_on(device, opened);
-        learner.run_on(host(threads));
+        // A GPU does one pass after the other anyway.
+        learner.run_on(host(if device == DeviceName::Cpu { threads } else { 1 }));
         if let Some(before) = saved.as_ref().map(|saved| &saved.device).filter(|kind| *kind != device.kind())
         {
             tracing::warn!(
