@@ -56,7 +56,8 @@ pub struct Bench {
 
 fn suites() -> String {
     let line = |suite: &Suite| format!("  {:8} {}\n", suite.name, suite.about);
-    format!("Suites:\n{}", SUITES.iter().map(line).collect::<String>())
+    let suites: String = SUITES.iter().map(line).collect();
+    format!("Suites:\n{suites}\nAllocations are counted by a build with `--features count-allocations`.")
 }
 
 /// Everything that a call has measured.
