@@ -26,6 +26,23 @@ impl Adam {
         Self { m: vec![0.0; n], v: vec![0.0; n], steps: 0 }
     }
 
+    /// The step that ends a gradient: its norm brought down to `max_norm`, then [`Adam::step`]. Gives the norm
+    /// before. With `hold_frozen` the moments too stand still at learning rate 0.
+    pub fn clipped_step(
+        &mut self,
+        parameters: &mut [f32],
+        gradient: &[f32],
+        max_norm: f64,
+        lr: f64,
+        hold_frozen: bool,
+    ) -> f64 {
+        let (norm, factor) = clip(gradient, max_norm);
+        if lr > 0.0 || !hold_frozen {
+            self.step(parameters, gradient, factor, lr);
+        }
+        norm
+    }
+
     /// One step with learning rate `lr` on `gradient * scale`.
     ///
     /// With `lr = 0` the moments and the count advance and the parameters keep their bits.
@@ -47,7 +64,7 @@ impl Adam {
 }
 
 /// L2 norm of a gradient, and the factor that brings it down to `max_norm` (1 when it is below).
-pub fn clip(gradient: &[f32], max_norm: f64) -> (f64, f32) {
+fn clip(gradient: &[f32], max_norm: f64) -> (f64, f32) {
     let norm = sum_of_squares(gradient).sqrt();
     // The small constant is PyTorch's, kept so that clipped runs agree.
     (norm, (max_norm / (norm + 1e-6)).min(1.0) as f32)

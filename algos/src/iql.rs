@@ -24,7 +24,7 @@ use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::acting::Acting;
-use crate::adam::{clip, Adam};
+use crate::adam::Adam;
 use crate::device::Device;
 use crate::host::{Host, Seconds, Stopwatch};
 use crate::network::{Activations, Kind, Network};
@@ -224,11 +224,9 @@ impl Iql {
             self.network.backward(&self.values, &part.obs, &part.steps, d_q, to, gradient);
             watch.lap(&mut seconds.backward);
         }
-        let (norm, factor) = clip(gradient, self.config.max_grad_norm);
-        if lr > 0.0 || !self.config.hold_frozen_moments {
-            self.adam.step(&mut self.values, gradient, factor, lr);
-        }
-        stats.grad_norm = norm;
+        let Config { max_grad_norm, hold_frozen_moments, .. } = self.config;
+        stats.grad_norm =
+            self.adam.clipped_step(&mut self.values, gradient, max_grad_norm, lr, hold_frozen_moments);
 
         self.update_calls += 1;
         let (rule, target) = (self.config.target_update, &mut self.target_values);

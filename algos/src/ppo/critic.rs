@@ -4,7 +4,7 @@ use rand::Rng;
 
 use super::batch::{Batch, Part};
 use super::{Config, UpdateStats};
-use crate::adam::{clip, Adam};
+use crate::adam::Adam;
 use crate::device::Device;
 use crate::host::{Host, Seconds, Stopwatch};
 use crate::kernels::gru::Steps;
@@ -103,11 +103,8 @@ impl Critic {
                 network.backward(values, &part.obs, &part.steps, d_values, to, gradient);
                 watch.lap(&mut seconds.backward);
             }
-            let (norm, factor) = clip(gradient, config.max_grad_norm);
-            if lr > 0.0 || !config.hold_frozen_moments {
-                adam.step(values, gradient, factor, lr);
-            }
-            sum.critic_grad_norm += norm;
+            sum.critic_grad_norm +=
+                adam.clipped_step(values, gradient, config.max_grad_norm, lr, config.hold_frozen_moments);
             watch.lap(&mut seconds.optimiser);
         }
         sum
