@@ -50,14 +50,15 @@ impl Adam {
         self.steps += 1;
         let t = self.steps as f64;
         let step_size = (lr / (1.0 - f64::from(BETA_1).powf(t))) as f32;
-        let root_correction = (1.0 - f64::from(BETA_2).powf(t)).sqrt() as f32;
+        // The inverse: a division for each parameter costs as much as all the rest but the root.
+        let root_correction = (1.0 / (1.0 - f64::from(BETA_2).powf(t)).sqrt()) as f32;
         let (m, v) = (&mut self.m[..], &mut self.v[..]);
         vectorized(|| {
             for (((p, g), m), v) in parameters.iter_mut().zip(gradient).zip(m).zip(v) {
                 let g = g * scale;
                 *m = BETA_1 * *m + (1.0 - BETA_1) * g;
                 *v = BETA_2 * *v + (1.0 - BETA_2) * g * g;
-                *p -= step_size * (*m / (v.sqrt() / root_correction + EPSILON));
+                *p -= step_size * (*m / (v.sqrt() * root_correction + EPSILON));
             }
         });
     }

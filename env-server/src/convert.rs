@@ -114,6 +114,16 @@ impl Copies {
         Ok(())
     }
 
+    /// Does what the worlds can do of the next step before the team has answered.
+    pub fn think_ahead(&mut self) {
+        for &row in &self.rows {
+            let copy = &mut self.copies[usize::from(row)];
+            if copy.end == End::Running {
+                copy.world.think_ahead();
+            }
+        }
+    }
+
     /// Plays one joint action in every running copy; `actions[agent]` has one for each, in their order.
     pub fn step(&mut self, actions: &[Vec<u16>]) {
         self.rows.retain(|&row| self.copies[usize::from(row)].end == End::Running);

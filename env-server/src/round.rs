@@ -119,7 +119,10 @@ impl<'a> Team<'a> {
                 self.seconds.encode += (encoded - start).as_secs_f64();
                 self.seconds.send += encoded.elapsed().as_secs_f64();
             }
+            let start = Instant::now();
+            copies.think_ahead();
             let sent = Instant::now();
+            self.seconds.world += (sent - start).as_secs_f64();
             self.wait_for_answers(id, Some(copies))?;
             let waited = sent.elapsed().as_secs_f64();
             let over = copies.running() == 0;

@@ -31,31 +31,34 @@ pub fn check<R: RngCore>(world: &dyn World, seeded: impl Fn(u64) -> R) {
     while steps < STEPS {
         used.reset(&mut chance);
         can_be_drawn(&used.scene());
-        steps += play(&mut *used, 0, u32::MAX, &mut chance, &mut policy).steps;
+        steps += play(&mut *used, 0, u32::MAX, 0, &mut chance, &mut policy).steps;
         can_be_drawn(&used.scene());
     }
 
-    let episode = |world: &mut dyn World, seed| {
+    let episode = |world: &mut dyn World, seed, ahead| {
         let (mut chance, mut policy) = generators(seed);
         world.reset(&mut chance);
         // With the next number of the chance: as much of it was used.
-        (play(world, 0, u32::MAX, &mut chance, &mut policy), chance.next_u64())
+        (play(world, 0, u32::MAX, ahead, &mut chance, &mut policy), chance.next_u64())
     };
     for seed in 1..=TWICE {
-        let first = episode(&mut *world.copy(), seed);
-        let again = episode(&mut *used, seed);
-        assert!(first == again, "an episode must depend on its chance alone, not on episodes before it");
+        let first = episode(&mut *world.copy(), seed, 0);
+        let again = episode(&mut *used, seed, 2);
+        assert!(
+            first == again,
+            "an episode must depend on its chance alone, not on episodes before it nor on thinking ahead"
+        );
     }
 
     for seed in 1..=TWICE {
         let (mut chance, mut policy) = generators(seed);
         used.reset(&mut chance);
-        let before = play(&mut *used, 0, seed as u32, &mut chance, &mut policy);
+        let before = play(&mut *used, 0, seed as u32, 1, &mut chance, &mut policy);
         if before.end == End::Running {
             let mut copy = used.copy();
             let rest = |world: &mut dyn World| {
                 let (mut chance, mut policy) = generators(!seed);
-                play(world, before.steps, u32::MAX, &mut chance, &mut policy)
+                play(world, before.steps, u32::MAX, 0, &mut chance, &mut policy)
             };
             assert!(rest(&mut *copy) == rest(&mut *used), "a copy must go on like the world it is a copy of");
         }
@@ -98,11 +101,13 @@ fn sizes_agree(sizes: &Sizes) {
     }
 }
 
-/// Plays on in an episode of which `before` steps are over, until it ends or for `most` steps.
+/// Plays on in an episode of which `before` steps are over, until it ends or for `most` steps; the world may think
+/// ahead `ahead` times before each.
 fn play(
     world: &mut dyn World,
     before: u32,
     most: u32,
+    ahead: u32,
     chance: &mut dyn RngCore,
     policy: &mut dyn RngCore,
 ) -> Played {
@@ -126,6 +131,7 @@ fn play(
         if played.end != End::Running || played.steps == most {
             return played;
         }
+        (0..ahead).for_each(|_| world.think_ahead());
         let mut rewards = vec![f64::NAN; agents];
         played.end = world.step(&actions, chance, &mut rewards);
         played.steps += 1;

@@ -37,6 +37,10 @@ impl World for Padded {
     }
 
     /// A padded action is one that does not exist for its agent, so the world treats it as doing nothing.
+    fn think_ahead(&mut self) {
+        self.world.think_ahead();
+    }
+
     fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End {
         self.world.step(actions, rng, rewards)
     }

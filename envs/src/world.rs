@@ -15,6 +15,10 @@ pub trait World: Send {
     /// Starts a new episode. All of its start comes from `rng`; nothing is left of the episode before.
     fn reset(&mut self, rng: &mut dyn RngCore);
 
+    /// Does whatever part of the next step does not depend on the team's actions. Changes nothing but the time at
+    /// which it is done, and may be left out: a host calls it while the team decides.
+    fn think_ahead(&mut self) {}
+
     /// Plays one joint action (`actions[agent]`) and writes each agent's own reward of this step into
     /// `rewards[agent]`. Worlds without randomness inside a step leave `rng` untouched.
     fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End;

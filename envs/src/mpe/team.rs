@@ -13,6 +13,8 @@ use crate::{End, Opponent, Sizes, World};
 pub struct Team {
     particles: Particles,
     opponent: Policy,
+    /// What the opponent does in the next step, where that is known already.
+    planned: Option<u16>,
     sizes: Sizes,
 }
 
@@ -53,17 +55,15 @@ impl Team {
             n_actions: team.iter().map(|body| body.n_actions).collect(),
             episode_limit: particles.sizes().episode_limit,
         };
-        Ok(Team { particles, opponent: policy, sizes })
+        Ok(Team { particles, opponent: policy, planned: None, sizes })
     }
 
-    /// What the opponent does now. A network acts on what its agent sees, without noise.
-    fn opponent_acts(&mut self, role: usize, rng: &mut dyn RngCore) -> u16 {
-        match &mut self.opponent {
-            Policy::Network(network) => {
-                let mut seen = [0.0; MAX_OBS];
-                let seen = &mut seen[..self.particles.game.layout().agents[role].obs_size];
-                self.particles.view(role, seen);
-                self.particles.rules.action_of_network(network.choose(seen))
+    /// What the opponent does now.
+    fn opponent_acts(&mut self, rng: &mut dyn RngCore) -> u16 {
+        match &self.opponent {
+            Policy::Network(_) => {
+                self.think_ahead();
+                self.planned.take().expect("a network always chooses")
             }
             Policy::Random => below(rng, MOVES as u32) as u16,
             Policy::Still | Policy::Nobody => 0,
@@ -81,7 +81,21 @@ impl World for Team {
     }
 
     fn reset(&mut self, rng: &mut dyn RngCore) {
+        self.planned = None;
         self.particles.reset(rng);
+    }
+
+    /// A network acts on what its agent sees, without noise, and so before anybody else does.
+    fn think_ahead(&mut self) {
+        let layout = self.particles.game.layout();
+        if let (Policy::Network(network), Some(role), None) =
+            (&mut self.opponent, layout.opponent, self.planned)
+        {
+            let mut seen = [0.0; MAX_OBS];
+            let seen = &mut seen[..layout.agents[role].obs_size];
+            self.particles.view(role, seen);
+            self.planned = Some(self.particles.rules.action_of_network(network.choose(seen)));
+        }
     }
 
     fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End {
@@ -90,7 +104,7 @@ impl World for Team {
         let everybody = ..layout.agents.len();
         all[layout.team.clone()].copy_from_slice(actions);
         if let Some(role) = layout.opponent {
-            all[role] = self.opponent_acts(role, rng);
+            all[role] = self.opponent_acts(rng);
         }
         let end = self.particles.play(&all[everybody], &mut earned[everybody]);
         rewards.copy_from_slice(&earned[layout.team.clone()]);
