@@ -14,7 +14,7 @@ use crate::Event;
 /// An empty inbox, which any number of declarations may share, and the place to read it. Unbounded.
 pub fn inbox() -> (Inbox, Events) {
     let shared = Arc::new(Shared::default());
-    lock(&shared).inboxes = 1;
+    lock(&shared.state).inboxes = 1;
     (Inbox { shared: shared.clone() }, Events { shared })
 }
 
@@ -53,7 +53,7 @@ impl Inbox {
     /// # Errors
     /// If nobody reads any more; the event comes back.
     pub fn send(&self, event: Event) -> Result<(), SendError<Event>> {
-        let mut state = lock(&self.shared);
+        let mut state = lock(&self.shared.state);
         if state.reader_is_gone {
             return Err(SendError(event));
         }
@@ -68,16 +68,24 @@ impl Inbox {
     }
 }
 
+impl Inbox {
+    /// As [`Inbox::send`]. An inbox that nobody reads any more belongs to a role that ends; its guards are about to
+    /// be dropped.
+    pub(crate) fn push(&self, event: Event) {
+        let _ = self.send(event);
+    }
+}
+
 impl Clone for Inbox {
     fn clone(&self) -> Self {
-        lock(&self.shared).inboxes += 1;
+        lock(&self.shared.state).inboxes += 1;
         Self { shared: self.shared.clone() }
     }
 }
 
 impl Drop for Inbox {
     fn drop(&mut self) {
-        let mut state = lock(&self.shared);
+        let mut state = lock(&self.shared.state);
         state.inboxes -= 1;
         let last = state.inboxes == 0;
         drop(state);
@@ -93,7 +101,7 @@ impl Events {
     /// # Errors
     /// [`TryRecvError`]: none now, or none ever.
     pub fn try_recv(&self) -> Result<Event, TryRecvError> {
-        let mut state = lock(&self.shared);
+        let mut state = lock(&self.shared.state);
         match state.take() {
             Some(event) => Ok(event),
             None if state.inboxes == 0 => Err(TryRecvError::Disconnected),
@@ -125,7 +133,7 @@ impl Events {
     pub fn recv_together(&self, count: usize, timeout: Duration) -> Result<Event, RecvTimeoutError> {
         // Too far away to be told is as good as never.
         let deadline = Instant::now().checked_add(timeout);
-        let mut state = lock(&self.shared);
+        let mut state = lock(&self.shared.state);
         while state.events.len() < count.max(1) && !state.urgent && state.inboxes > 0 {
             let left = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
             if left == Some(Duration::ZERO) {
@@ -147,7 +155,7 @@ impl Events {
 
 impl Drop for Events {
     fn drop(&mut self) {
-        let mut state = lock(&self.shared);
+        let mut state = lock(&self.shared.state);
         state.reader_is_gone = true;
         // Queries among them are answered by being dropped, which may take other locks.
         let unread = std::mem::take(&mut state.events);
@@ -164,9 +172,9 @@ impl State {
     }
 }
 
-/// The state is whole between any two statements that can panic, so a poisoned lock is of no concern.
-fn lock(shared: &Shared) -> MutexGuard<'_, State> {
-    shared.state.lock().unwrap_or_else(PoisonError::into_inner)
+/// For a state that is whole between any two statements that can panic: a poisoned lock is of no concern.
+pub(crate) fn lock<T>(state: &Mutex<T>) -> MutexGuard<'_, T> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -191,7 +199,7 @@ mod tests {
     /// Waits until the reader sleeps.
     fn asleep(inbox: &Inbox) {
         let deadline = Instant::now() + LONG;
-        while lock(&inbox.shared).awaited == 0 {
+        while lock(&inbox.shared.state).awaited == 0 {
             assert!(Instant::now() < deadline, "the reader does not sleep");
             thread::yield_now();
         }
@@ -216,7 +224,7 @@ mod tests {
                 asleep(&inbox);
                 inbox.send(message(k)).unwrap();
             }
-            assert_eq!(lock(&inbox.shared).events.len(), 2, "nothing is taken before the third");
+            assert_eq!(lock(&inbox.shared.state).events.len(), 2, "nothing is taken before the third");
             inbox.send(message(2)).unwrap();
             assert_eq!(reader.join().unwrap(), 0);
         });

@@ -6,12 +6,13 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::mpsc::{self, Sender};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use ::zenoh::key_expr::{keyexpr, OwnedKeyExpr};
 
 use crate::faults::{Fate, Faults};
+use crate::inbox::lock;
 use crate::ledger::{Ledger, Record, Sent};
 use crate::{key, Bus, Error, Event, Guard, Inbox, Publisher, Query};
 
@@ -103,7 +104,7 @@ impl State {
         };
         for listener in self.matching(Kind::Subscription, key_expr) {
             let waiting = listener.held.take();
-            let deliver = |(key, payload)| push(&listener.inbox, Event::Message { key, payload });
+            let deliver = |(key, payload)| listener.inbox.push(Event::Message { key, payload });
             let message = || (key.clone(), payload.to_vec());
             match fate {
                 Fate::Deliver => deliver(message()),
@@ -122,7 +123,7 @@ impl State {
 
     fn tell_watchers(&mut self, key: &keyexpr, event: fn(Arc<str>) -> Event) {
         for watcher in self.matching(Kind::Watch, key) {
-            push(&watcher.inbox, event(key.as_str().into()));
+            watcher.inbox.push(event(key.as_str().into()));
         }
     }
 
@@ -162,7 +163,7 @@ impl MemoryBus {
             let matching = state.tokens.values().filter(|token| token.key.intersects(&key_expr));
             // A key that several sides announce is told once.
             for key in matching.map(|token| token.key.as_str()).collect::<BTreeSet<_>>() {
-                push(&inbox, Event::Alive { key: key.into() });
+                inbox.push(Event::Alive { key: key.into() });
             }
         }
         let id = state.new_id();
@@ -215,10 +216,8 @@ impl Bus for MemoryBus {
         let line = self.ledger.line(key.into());
         let (replies, reply) = mpsc::channel();
         for listener in lock(&self.state).matching(Kind::Queryable, &key_expr) {
-            push(
-                &listener.inbox,
-                Event::Query(query(&line.key, payload, replies.clone(), listener.ledger.clone())),
-            );
+            let ledger = listener.ledger.clone();
+            listener.inbox.push(Event::Query(query(&line.key, payload, replies.clone(), ledger)));
         }
         line.sent(Sent::Query, payload);
         // From here on the queries alone can answer: when all are dropped, the wait ends.
@@ -279,14 +278,4 @@ fn query(key: &Arc<str>, payload: &[u8], replies: Sender<Vec<u8>>, answering: Ar
             answering.line(of_reply).sent(Sent::Reply, payload);
         }
     })
-}
-
-/// An inbox that nobody reads any more belongs to a role that ends; its guards are about to be dropped.
-fn push(inbox: &Inbox, event: Event) {
-    let _ = inbox.send(event);
-}
-
-/// The state is whole between any two statements that can panic, so a poisoned lock is of no concern.
-fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
-    state.lock().unwrap_or_else(PoisonError::into_inner)
 }

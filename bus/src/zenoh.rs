@@ -152,7 +152,7 @@ impl Bus for ZenohBus {
         let push = move |sample: Sample| {
             if sample.kind() == SampleKind::Put {
                 let key = shared(&of_sample, sample.key_expr().as_str());
-                push(&inbox, Event::Message { key, payload: bytes(sample.payload()) });
+                inbox.push(Event::Message { key, payload: bytes(sample.payload()) });
             }
         };
         let subscriber = self
@@ -174,7 +174,7 @@ impl Bus for ZenohBus {
             let (ledger, of_reply) = (ledger.clone(), key.clone());
             // The line is opened when there is a reply, so that strangers cannot fill the books.
             let answer = move |payload: &[u8]| answer(&query, of_reply, payload, &ledger, max_bytes);
-            push(&inbox, Event::Query(Query::new(key, payload, answer)));
+            inbox.push(Event::Query(Query::new(key, payload, answer)));
         };
         let queryable = self
             .session
@@ -231,7 +231,7 @@ impl Bus for ZenohBus {
                 SampleKind::Put => Event::Alive { key },
                 SampleKind::Delete => Event::Gone { key },
             };
-            push(&inbox, event);
+            inbox.push(event);
         };
         let watcher = self
             .session
@@ -278,11 +278,6 @@ fn shared(declared: &Arc<str>, came: &str) -> Arc<str> {
     } else {
         came.into()
     }
-}
-
-/// An inbox that nobody reads any more belongs to a role that ends; its guards are about to be dropped.
-fn push(inbox: &Inbox, event: Event) {
-    let _ = inbox.send(event);
 }
 
 fn bytes(payload: &ZBytes) -> Vec<u8> {

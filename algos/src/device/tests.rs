@@ -119,6 +119,23 @@ fn close(what: &str, found: f64, expected: f64) {
     assert!((found - expected).abs() < 1e-4 * (1.0 + expected.abs()), "{what}: {found} {expected}");
 }
 
+/// At the end: nothing failed, the learner has moved from its start, and other code has computed the same.
+fn assert_learned(
+    device: &Device,
+    kind: Kind,
+    start: &[NamedTensor],
+    here: &[NamedTensor],
+    there: &[NamedTensor],
+) {
+    device.check().expect("nothing failed");
+    assert!(distance(start, here).0 > 1e-3, "they learn");
+    let apart = distance(there, here).1 > 0.0;
+    assert!(
+        apart || kind == Kind::Fc,
+        "a recurrent network has other last bits where it is computed otherwise"
+    );
+}
+
 fn ppo_follows(device: &Device, kind: Kind) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut here = Ppo::new(ppo_config(kind), OBS, ACTIONS, &mut rng);
@@ -132,14 +149,8 @@ fn ppo_follows(device: &Device, kind: Kind) {
         close("critic loss", found.critic_loss, expected.critic_loss);
         close("norm of the critic's gradient", found.critic_grad_norm, expected.critic_grad_norm);
     }
-    device.check().expect("nothing failed");
     assert_eq!(here.counters(), there.counters());
-    assert!(distance(&start.tensors(), &here.tensors()).0 > 1e-3, "they learn");
-    let apart = distance(&there.tensors(), &here.tensors()).1 > 0.0;
-    assert!(
-        apart || kind == Kind::Fc,
-        "a recurrent network has other last bits where it is computed otherwise"
-    );
+    assert_learned(device, kind, &start.tensors(), &here.tensors(), &there.tensors());
 }
 
 fn iql_follows(device: &Device, kind: Kind) {
@@ -154,14 +165,8 @@ fn iql_follows(device: &Device, kind: Kind) {
         close("loss", found.loss, expected.loss);
         close("norm of the gradient", found.grad_norm, expected.grad_norm);
     }
-    device.check().expect("nothing failed");
     assert_eq!(here.counters(), there.counters());
-    assert!(distance(&start.tensors(), &here.tensors()).0 > 1e-3, "they learn");
-    let apart = distance(&there.tensors(), &here.tensors()).1 > 0.0;
-    assert!(
-        apart || kind == Kind::Fc,
-        "a recurrent network has other last bits where it is computed otherwise"
-    );
+    assert_learned(device, kind, &start.tensors(), &here.tensors(), &there.tensors());
 }
 
 /// A network with weights, observations and a gradient to go back with, all random.
