@@ -9,7 +9,7 @@ use algos::iql::{self, Iql};
 use algos::ppo::{self, Choice, Ppo};
 use algos::rollout::{self, Rollout};
 use process::Failure;
-use proto::config::{Config, PolicyTest, QLearning};
+use proto::config::{Config, Draws, PolicyTest, QLearning};
 use proto::control::Seat;
 use proto::exit;
 use proto::stream::stream;
@@ -18,6 +18,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use store::{Checkpoint, Position, RoleFolder, Tensor, KEEP};
 
+use crate::diverged;
 use crate::input::Input;
 use crate::progress::Unlogged;
 use crate::replay::{Replay, DEFAULT_MEMORY_BYTES};
@@ -304,8 +305,11 @@ impl Learner {
     /// One lesson, with at most one update call at the learning rate `lr`; what it reports.
     ///
     /// # Errors
-    /// If the device fails, or the disk on which episodes are remembered.
+    /// If the device fails, or the disk on which episodes are remembered, or a number is none any more. After that this
+    /// learner is of no use.
     pub fn learn(&mut self, lesson: usize, t_env: u64, lr: f64) -> Result<Option<Scalars>, Failure> {
+        let update_call = self.update_calls();
+        self.check_rewards(lesson, update_call)?;
         let scalars = match &mut self.method {
             Method::Ppo { ppo, .. } => Some(of_ppo(&ppo.update(&self.rollout, lr), lr)),
             Method::Q(q) => {
@@ -316,13 +320,45 @@ impl Learner {
                 if replay.len() < batch {
                     return Ok(None);
                 }
-                let mut rng = stream(self.seed, &owner(self.id), "replay", &[q.iql.update_calls()]);
+                let mut rng = draws(q.settings.draws, self.seed, self.id, q.iql.update_calls());
                 let stats = q.iql.update(replay.sample(batch, &mut rng)?, lr);
                 Some(of_q(&stats, lr, epsilon))
             }
         };
         self.check_device()?;
+        if let Some(scalars) = &scalars {
+            self.check_numbers(scalars, update_call)?;
+        }
         Ok(scalars)
+    }
+
+    /// Whether what a lesson learns from are numbers.
+    fn check_rewards(&self, lesson: usize, update_call: u64) -> Result<(), Failure> {
+        let episodes = self.rollout.episodes();
+        let of_lesson = match &self.method {
+            Method::Ppo { .. } => 0..episodes.len(),
+            Method::Q(_) => lesson..lesson + 1,
+        };
+        for copy in of_lesson {
+            if let Some(step) = episodes[copy].rewards.iter().position(|reward| !reward.is_finite()) {
+                let reward = episodes[copy].rewards[step];
+                return Err(diverged::by_reward(self.id, update_call, reward, (copy, step)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether what an update call came to are numbers: what it reports, then everything that it learned.
+    fn check_numbers(&self, scalars: &[(&'static str, f64)], update_call: u64) -> Result<(), Failure> {
+        let bad_scalar = scalars.iter().find(|(_, value)| !value.is_finite());
+        let bad = bad_scalar.map(|&(name, value)| (name.to_owned(), value)).or_else(|| {
+            let bad = match &self.method {
+                Method::Ppo { ppo, .. } => ppo.first_not_finite(),
+                Method::Q(q) => q.iql.first_not_finite(),
+            };
+            bad.map(|(name, value)| (name, f64::from(value)))
+        });
+        bad.map_or(Ok(()), |(name, value)| Err(diverged::by_learning(self.id, update_call, &name, value)))
     }
 
     /// Ends the round whose lessons have been learned.
@@ -408,6 +444,16 @@ impl Q {
     }
 }
 
+/// What an agent draws the minibatch of an update call from. All agents remember the same episodes in the same order,
+/// so that one stream gives the whole team the same ones.
+fn draws(draws: Draws, seed: u64, id: u32, update_call: u64) -> ChaCha8Rng {
+    let owner = match draws {
+        Draws::Joint => "team".to_owned(),
+        Draws::Independent => owner(id),
+    };
+    stream(seed, &owner, "replay", &[update_call])
+}
+
 /// Notes what a tick shows of each copy, and what its last action earned.
 fn record_tick(rollout: &mut Rollout, observe: &Observe, inputs: &[f32], size: usize) {
     for (row, input) in inputs.chunks_exact(size).enumerate() {
@@ -454,3 +500,6 @@ fn of_q(stats: &iql::UpdateStats, lr: f64, epsilon: f64) -> Scalars {
 pub fn owner(id: u32) -> String {
     format!("agent/{id}")
 }
+
+#[cfg(test)]
+mod tests;

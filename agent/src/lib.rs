@@ -11,6 +11,7 @@ mod join;
 mod timetable;
 mod train;
 
+mod diverged;
 mod host;
 mod input;
 mod learner;

@@ -240,6 +240,11 @@ impl Iql {
         saved::tensors(&self.vectors())
     }
 
+    /// The first of [`Self::tensors`] that holds a number which is infinite or NaN, with that number.
+    pub fn first_not_finite(&self) -> Option<(String, f32)> {
+        saved::first_not_finite(&self.vectors())
+    }
+
     fn vectors(&self) -> [Vector<'_>; 4] {
         [
             ("q", &self.network, &self.values),

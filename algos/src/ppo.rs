@@ -248,6 +248,11 @@ impl Ppo {
         saved::tensors(&self.vectors())
     }
 
+    /// The first of [`Self::tensors`] that holds a number which is infinite or NaN, with that number.
+    pub fn first_not_finite(&self) -> Option<(String, f32)> {
+        saved::first_not_finite(&self.vectors())
+    }
+
     fn vectors(&self) -> [Vector<'_>; 7] {
         let Self { actor, critic, .. } = self;
         [

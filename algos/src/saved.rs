@@ -1,5 +1,6 @@
 //! What a learner gives to a checkpoint and takes back from one: its vectors as named tensors.
 
+use crate::kernels::math::all_finite;
 use crate::network::Network;
 use crate::params::take;
 
@@ -38,6 +39,14 @@ pub(crate) fn tensors<'a>(vectors: &[Vector<'a>]) -> Vec<NamedTensor<'a>> {
         }
     }
     tensors
+}
+
+/// The first tensor that holds a number which is infinite or NaN, with that number.
+pub(crate) fn first_not_finite(vectors: &[Vector]) -> Option<(String, f32)> {
+    let bad = vectors.iter().position(|(_, _, values)| !all_finite(values))?;
+    let of_bad = tensors(&vectors[bad..=bad]).into_iter();
+    let mut numbers = of_bad.flat_map(|(name, _, values)| values.iter().map(move |&x| (name.clone(), x)));
+    numbers.find(|(_, x)| !x.is_finite())
 }
 
 /// The saved counterparts of `vectors`, in order; `tensor` finds the numbers of a name.

@@ -49,6 +49,7 @@ fn table(title: &str, name: AlgoName) -> String {
     } else {
         let of = |c: &Config| c.q.clone().expect("Q-learning's own section");
         add("buffer, batch", &|c| format!("{}, {}", of(c).buffer, of(c).batch), "EPyMARL, in episodes");
+        add("draws", &|c| format!("{:?}", of(c).draws).to_lowercase(), "EPyMARL: one minibatch for the team");
         add("epsilon_anneal", &|c| of(c).epsilon_anneal.to_string(), "[OPEN] EPyMARL without sharing");
         add("test_epsilon", &|c| of(c).test_epsilon.to_string(), "[OPEN] EPyMARL");
     }

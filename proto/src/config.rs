@@ -144,6 +144,10 @@ pub struct QLearning {
     pub buffer: u32,
     /// Episodes drawn for an update call; there is none before so many are remembered.
     pub batch: u32,
+    /// Whether the team draws the same episodes. A file without this key is older than it: then each agent drew its
+    /// own.
+    #[serde(default = "Draws::of_old_runs")]
+    pub draws: Draws,
     /// The online network chooses the action that the target network values.
     pub double: bool,
     /// Probability of a random action at the beginning.
@@ -155,6 +159,22 @@ pub struct QLearning {
     pub test_epsilon: f64,
     /// An episode that the step limit ends is worth nothing beyond it (spec §3.4).
     pub time_limit_is_terminal: bool,
+}
+
+/// Which episodes the agents of a team draw for the same update call.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Draws {
+    /// The same for all, as in the reference. The seed decides which, so no agent sends another anything.
+    Joint,
+    /// Each agent draws its own.
+    Independent,
+}
+
+impl Draws {
+    fn of_old_runs() -> Self {
+        Self::Independent
+    }
 }
 
 /// What a policy does in tests (spec §8.2).

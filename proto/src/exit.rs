@@ -17,5 +17,6 @@ pub const IO: u8 = 74;
 /// Something outside was missing or went away, for instance a peer; starting the same command again resumes the run.
 pub const AGAIN: u8 = 75;
 
-/// The configuration is wrong, or differs from that of the other processes; trying again is useless.
+/// The configuration is wrong, or differs from that of the other processes, or a learner has diverged with it;
+/// trying again is useless, because it comes to the same.
 pub const CONFIG: u8 = 78;

@@ -1,9 +1,9 @@
 //! The published settings (spec §9) as a place to start from.
 
 use crate::config::{
-    Algo, AlgoName, BusOptions, ClipScope, Config, EndOfBatch, FrozenMoments, Learner, Log, Network, Period,
-    PolicyTest, Ppo, Profile, QLearning, Reward, RewardStandardisation, Save, Schedule, SwitchUnit, Test,
-    Timescales, World,
+    Algo, AlgoName, BusOptions, ClipScope, Config, Draws, EndOfBatch, FrozenMoments, Learner, Log, Network,
+    Period, PolicyTest, Ppo, Profile, QLearning, Reward, RewardStandardisation, Save, Schedule, SwitchUnit,
+    Test, Timescales, World,
 };
 
 /// Families of tasks that share their settings (spec §9.1).
@@ -155,6 +155,7 @@ pub fn q_defaults() -> QLearning {
     QLearning {
         buffer: BUFFER,
         batch: BATCH,
+        draws: Draws::Joint,
         double: true,
         epsilon_start: 1.0,
         epsilon_finish: 0.05,
@@ -321,6 +322,7 @@ mod tests {
         let q = config.q.expect("its own section");
         assert_eq!((config.world.copies, q.buffer, q.batch, q.epsilon_anneal), (1, 5_000, 32, 50_000));
         assert_eq!((q.epsilon_start, q.epsilon_finish, q.test_epsilon), (1.0, 0.05, 0.0));
+        assert_eq!(q.draws, Draws::Joint);
         assert!(q.double && q.time_limit_is_terminal && config.ppo.is_none());
     }
 

@@ -121,3 +121,28 @@ fn episodes_side_by_side_make_as_many_update_calls_as_one_after_the_other() {
     }
     assert_ne!(cluster.digest("one"), cluster.digest("three"), "three act before the first is learned from");
 }
+
+/// The running statistics of the rewards in an agent's newest checkpoint, as they were written.
+fn reward_stats(cluster: &Cluster, run: &str, agent: u32) -> serde_json::Value {
+    let role = format!("agent-{agent}");
+    let newest = *cluster.run(run).checkpoints(&role).last().expect("a checkpoint");
+    let text =
+        fs::read_to_string(cluster.run(run).checkpoint(&role, newest).join("state.bin")).expect("a state");
+    let state: serde_json::Value = serde_json::from_str(&text).expect("a state is JSON");
+    let stats = state["counters"]["Q"]["counters"]["reward_stats"].clone();
+    assert!(stats["count"].as_f64().is_some_and(|count| count > 100.0), "{state}");
+    stats
+}
+
+#[test]
+fn a_team_that_shares_its_reward_comes_to_the_same_statistics_unless_each_agent_draws_its_own_episodes() {
+    let cluster = Cluster::new();
+    for (draws, equal) in [("joint", true), ("independent", false)] {
+        let more = [format!("--set=q.draws={draws}"), "--reward=sum".to_owned(), "--in-process".to_owned()];
+        cluster.train(draws, foraging_with("iql"), &more).succeeds();
+        let stats = [0, 1].map(|agent| reward_stats(&cluster, draws, agent));
+        // Numbers are written so that they come back with the same bits.
+        assert_eq!(stats[0] == stats[1], equal, "{draws}: {stats:?}");
+    }
+    assert_ne!(cluster.digest("joint"), cluster.digest("independent"));
+}

@@ -91,12 +91,31 @@ pub fn sum_of_squares(x: &[f32]) -> f64 {
     })
 }
 
+/// Whether every number is one: none is infinite or NaN.
+pub fn all_finite(x: &[f32]) -> bool {
+    const INFINITE: u32 = f32::INFINITY.to_bits();
+    // The largest magnitude as an integer: without an early exit this becomes vector instructions.
+    vectorized(|| x.iter().fold(0, |largest, x| x.abs().to_bits().max(largest))) < INFINITE
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn sweep(from: f64, to: f64) -> impl Iterator<Item = f32> {
         (0..=200_000).map(move |i| (from + (to - from) * f64::from(i) / 200_000.0) as f32)
+    }
+
+    #[test]
+    fn one_number_that_is_none_is_found_wherever_it_stands() {
+        assert!(all_finite(&[]) && all_finite(&[f32::MAX, f32::MIN, -0.0, f32::MIN_POSITIVE / 2.0]));
+        for bad in [f32::NAN, -f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for at in [0, 1, 7, 63, 99] {
+                let mut numbers = vec![1.0; 100];
+                numbers[at] = bad;
+                assert!(!all_finite(&numbers), "{bad} at {at}");
+            }
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::config::{
-    ClipScope, EndOfBatch, FrozenMoments, Network, Period, PolicyTest, Profile, Reward,
+    ClipScope, Draws, EndOfBatch, FrozenMoments, Network, Period, PolicyTest, Profile, Reward,
     RewardStandardisation, SwitchUnit,
 };
 
@@ -89,7 +89,7 @@ fn extreme_values_survive_the_file() {
 
 #[test]
 fn the_digest_changes_with_every_key() {
-    let changes: [fn(&mut Config); 46] = [
+    let changes: [fn(&mut Config); 47] = [
         |c| c.run.push('x'),
         |c| c.seed += 1,
         |c| c.t_max += 1,
@@ -119,6 +119,7 @@ fn the_digest_changes_with_every_key() {
         |c| c.ppo.as_mut().unwrap().policy_test = PolicyTest::Greedy,
         |c| c.q.as_mut().unwrap().buffer += 1,
         |c| c.q.as_mut().unwrap().batch += 1,
+        |c| c.q.as_mut().unwrap().draws = Draws::Independent,
         |c| c.q.as_mut().unwrap().double = false,
         |c| c.q.as_mut().unwrap().epsilon_start = 0.5,
         |c| c.q.as_mut().unwrap().epsilon_finish = 0.5,
@@ -216,6 +217,15 @@ fn missing_keys_and_wrong_kinds_are_shown_where_they_are() {
     assert!(section.contains("line 1"), "{section}");
     let syntax = message("run = \"x\nseed = 1");
     assert!(syntax.contains("line 1"), "{syntax}");
+}
+
+#[test]
+fn a_file_from_before_the_team_drew_together_means_what_it_meant() {
+    let config = presets::config("q", "lbf-8x8-2p-2f-coop", 2, AlgoName::Iql, Family::Lbf);
+    let text = config.to_toml();
+    assert!(text.contains("draws = \"joint\"\n"), "{text}");
+    let old = Config::from_toml(&text.replace("draws = \"joint\"\n", "")).unwrap();
+    assert_eq!(old.q.map(|q| q.draws), Some(Draws::Independent));
 }
 
 #[test]

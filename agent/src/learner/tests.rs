@@ -1,0 +1,158 @@
+//! What agents draw together, what their critics are shown, and how a learner ends whose numbers are none any more.
+
+use algos::iql::sample_distinct;
+use proto::config::AlgoName;
+use proto::presets::{self, Family};
+use store::RunFolder;
+use tempfile::TempDir;
+
+use super::*;
+
+const OBS: usize = 2;
+const ACTIONS: usize = 3;
+
+/// A learner that has its place on a disk, and plays rounds of one episode of two steps.
+struct Playing {
+    learner: Learner,
+    position: Position,
+    _tmp: TempDir,
+}
+
+impl Playing {
+    fn new(name: AlgoName) -> Self {
+        let mut config = presets::config("r", "t", 2, name, Family::Lbf);
+        (config.algo.hidden, config.world.copies) = (4, 1);
+        if let Some(q) = &mut config.q {
+            q.batch = 1;
+        }
+        let tmp = tempfile::tempdir().unwrap();
+        let folder = RunFolder::create(tmp.path().join("run"), &config.to_toml()).unwrap();
+        let seat = Seat {
+            epoch: 0,
+            round: 0,
+            t_env: 0,
+            agents: 2,
+            obs_size: OBS as u32,
+            n_actions: ACTIONS as u32,
+            copies: 1,
+            test_episodes: 1,
+            episode_limit: 2,
+        };
+        let (learner, _) = Learner::start(&config, 1, &seat, &folder.role("agent-1").unwrap()).unwrap();
+        Self { learner, position: Position::START, _tmp: tmp }
+    }
+
+    /// One round with these rewards, and what its lesson comes to.
+    fn play(&mut self, rewards: [f32; 2]) -> Result<Option<Scalars>, Failure> {
+        let mut rng = stream(1, "test", "actions", &[]);
+        self.learner.begin_round(1, true);
+        for tick in 0..3 {
+            let observe = Observe {
+                tick,
+                copies: vec![0],
+                ends: vec![if tick == 2 { End::Terminated } else { End::Running }],
+                rewards: vec![if tick == 0 { 0.0 } else { rewards[tick as usize - 1] }],
+                obs_size: OBS,
+                n_actions: ACTIONS,
+                obs: vec![0.5, tick as f32],
+                avail: vec![1; ACTIONS],
+                ..Observe::default()
+            };
+            self.learner.tick(&observe, true, &mut rng);
+        }
+        let learned = self.learner.learn(0, 0, 1e-3);
+        self.learner.end_round();
+        learned
+    }
+
+    fn checkpoint(&mut self) -> Checkpoint {
+        self.learner.checkpoint(&Unlogged::default(), self.position).unwrap()
+    }
+
+    /// Goes on with this number everywhere in a tensor.
+    fn put(&mut self, tensor: &str, number: f32) {
+        let mut checkpoint = self.checkpoint();
+        let found = checkpoint.tensors.iter_mut().find(|t| t.name == tensor).expect("there is such a tensor");
+        found.data.fill(number);
+        self.learner.restore(&checkpoint).unwrap();
+    }
+}
+
+/// The text of a failure of which trying again does not help.
+#[track_caller]
+fn ends_for_good(learned: Result<Option<Scalars>, Failure>) -> String {
+    let failure = learned.expect_err("the learner has diverged");
+    assert_eq!(failure.code, exit::CONFIG);
+    failure.message
+}
+
+#[test]
+fn a_team_draws_the_same_episodes_unless_each_agent_draws_its_own() {
+    let drawn = |rule, id, update_call| sample_distinct(32, 5_000, &mut draws(rule, 7, id, update_call));
+    for update_call in [0, 1, 1_000] {
+        let joint = drawn(Draws::Joint, 0, update_call);
+        assert!((1..64).all(|id| drawn(Draws::Joint, id, update_call) == joint));
+        assert_ne!(drawn(Draws::Joint, 0, update_call + 1), joint, "another call, other episodes");
+        let own = [0, 1, 2].map(|id| drawn(Draws::Independent, id, update_call));
+        assert!(own[0] != own[1] && own[1] != own[2] && own[0] != own[2] && !own.contains(&joint));
+    }
+}
+
+#[test]
+fn a_reward_that_is_no_number_stops_the_learner_in_the_update_call_that_it_was_for() {
+    for name in [AlgoName::Mtppo, AlgoName::Mtql] {
+        for bad in [f32::INFINITY, f32::NEG_INFINITY, f32::NAN] {
+            let mut playing = Playing::new(name);
+            playing.play([1.0, 0.0]).unwrap();
+            playing.play([0.0, 1.0]).unwrap();
+            let before = playing.checkpoint();
+            let text = ends_for_good(playing.play([0.0, bad]));
+            let start = format!(
+                "agent 1 diverged in update call 2: the reward of step 1 in copy 0 is {bad}; nothing of this update \
+                 call is saved, the last checkpoint stays\nhint: "
+            );
+            assert!(text.starts_with(&start) && text.contains("finite rewards"), "{text}");
+            assert_eq!(playing.checkpoint().tensors, before.tensors, "nothing was learned from it");
+        }
+    }
+}
+
+#[test]
+fn an_infinite_reward_is_noticed_before_there_is_enough_to_learn_from() {
+    let mut playing = Playing::new(AlgoName::Iql);
+    let Method::Q(q) = &mut playing.learner.method else { panic!("it learns by Q-learning") };
+    q.settings.batch = 5;
+    let text = ends_for_good(playing.play([f32::INFINITY, 0.0]));
+    assert!(text.contains("in update call 0: the reward of step 0 in copy 0 is inf"), "{text}");
+    let Method::Q(q) = &playing.learner.method else { panic!("it learns by Q-learning") };
+    assert_eq!(q.remembered(), 0, "it is not remembered either");
+}
+
+#[test]
+fn a_loss_that_is_no_number_is_named_with_the_update_call_and_what_to_lower() {
+    for (name, tensor, quantity) in
+        [(AlgoName::Ippo, "critic.head.bias", "loss"), (AlgoName::Iql, "q.head.bias", "loss")]
+    {
+        let mut playing = Playing::new(name);
+        playing.play([1.0, 0.0]).unwrap();
+        playing.put(tensor, f32::INFINITY);
+        let text = ends_for_good(playing.play([1.0, 0.0]));
+        assert!(text.starts_with("agent 1 diverged in update call 1: "), "{text}");
+        assert!(text.contains(quantity) && text.contains("`--lr-fast`, `--lr-slow`"), "{text}");
+    }
+}
+
+#[test]
+fn a_weight_or_moment_that_is_no_number_is_named_even_where_no_loss_shows_it() {
+    for (name, tensor) in [
+        (AlgoName::Ippo, "adam.actor.v.fc1.weight"),
+        (AlgoName::Ippo, "adam.critic.v.fc1.bias"),
+        (AlgoName::Iql, "adam.q.v.fc1.weight"),
+    ] {
+        let mut playing = Playing::new(name);
+        playing.play([1.0, 0.0]).unwrap();
+        playing.put(tensor, f32::INFINITY);
+        let text = ends_for_good(playing.play([1.0, 0.0]));
+        assert!(text.starts_with(&format!("agent 1 diverged in update call 1: {tensor} is inf")), "{text}");
+    }
+}
