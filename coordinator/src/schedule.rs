@@ -20,8 +20,8 @@ pub fn turn(u: u64, s: u64, n: u64) -> u64 {
 /// What holds in update call `u`, and for how long.
 pub fn rates(config: &Config, u: u64) -> Rates {
     let n = u64::from(config.world.agents);
-    // With gradient steps as the unit one update call of PPO is `epochs` of them, and keeps the rates with
-    // which it begins; one of Q-learning is a single step.
+    // With gradient steps as the unit one update call of PPO is `epochs` of them; one of Q-learning is a single step.
+    // A valid configuration has whole update calls in a period.
     let steps_per_call = match (config.schedule.switch_unit, &config.ppo) {
         (SwitchUnit::GradientStep, Some(ppo)) => u64::from(ppo.epochs),
         (SwitchUnit::UpdateCall, _) | (SwitchUnit::GradientStep, None) => 1,
@@ -29,10 +29,9 @@ pub fn rates(config: &Config, u: u64) -> Rates {
     let (period, from, until) = match config.schedule.switch_period {
         Period::Infinite => (0, 0, Rates::FOR_EVER),
         Period::Every(s) => {
-            let period = u.saturating_mul(steps_per_call) / s;
-            let start_of = |p: u64| p.saturating_mul(s).div_ceil(steps_per_call);
-            // A period shorter than a call begins and ends inside it.
-            (period, start_of(period).min(u), start_of(period.saturating_add(1)).max(u.saturating_add(1)))
+            let calls = s / steps_per_call;
+            let from = u / calls * calls;
+            (u / calls, from, from.saturating_add(calls))
         }
     };
     let fast_agent = turn(period, 1, n);
@@ -108,10 +107,53 @@ mod tests {
         assert_eq!((told.fast_agent, told.from, told.until), (0, 0, Rates::FOR_EVER));
     }
 
+    /// The paper's periods, and small ones around the epochs of an update call.
+    const PERIODS: [u64; 8] = [1, 2, 3, 4, 10, 100, 1_000, 10_000];
+
+    #[test]
+    fn every_agent_gets_as_many_turns_or_the_period_is_refused() {
+        for (unit, name) in [
+            (SwitchUnit::UpdateCall, AlgoName::Mtppo),
+            (SwitchUnit::GradientStep, AlgoName::Mtppo),
+            (SwitchUnit::UpdateCall, AlgoName::Mtql),
+            (SwitchUnit::GradientStep, AlgoName::Mtql),
+        ] {
+            for s in PERIODS {
+                for n in 1..=12 {
+                    let mut config = presets::config("test", "any", n, name, Family::Lbf);
+                    config.schedule.switch_period = Period::Every(s);
+                    config.schedule.switch_unit = unit;
+                    let steps = match (&config.ppo, unit) {
+                        (Some(ppo), SwitchUnit::GradientStep) => u64::from(ppo.epochs),
+                        _ => 1,
+                    };
+                    if !s.is_multiple_of(steps) {
+                        let refused = config.validate().unwrap_err().to_string();
+                        let reason =
+                            format!("is {s} gradient steps: expected a multiple of `ppo.epochs` = 4");
+                        assert!(refused.contains(&reason), "{refused}");
+                        continue;
+                    }
+                    assert_eq!(config.validate(), Ok(()));
+                    let cycle = u64::from(n) * s / steps;
+                    let mut turns = vec![0; n as usize];
+                    for u in 0..cycle {
+                        turns[rates(&config, u).fast_agent as usize] += 1;
+                    }
+                    assert_eq!(turns, vec![s / steps; n as usize], "{unit:?}, {name}, s = {s}, n = {n}");
+                    assert_eq!(rates(&config, cycle).fast_agent, 0, "the next cycle begins");
+                }
+            }
+        }
+    }
+
     #[test]
     fn segments_meet_without_gap_or_overlap_in_both_units() {
-        for unit in [SwitchUnit::UpdateCall, SwitchUnit::GradientStep] {
-            for s in [1, 2, 3, 4, 7, 10] {
+        for (unit, periods) in [
+            (SwitchUnit::UpdateCall, [1, 2, 3, 4, 7, 10]),
+            (SwitchUnit::GradientStep, [4, 8, 12, 16, 20, 40]),
+        ] {
+            for s in periods {
                 let mut config = config(3, &[1e-3, 1e-4], &[0, 1, 1], Period::Every(s));
                 config.schedule.switch_unit = unit;
                 let mut next = 0;

@@ -209,7 +209,7 @@ mod tests {
         assert_eq!(ask(1, 7, digest), Err(Refusal::IdTaken { id: 1 }));
         assert_eq!(ask(2, 7, digest), Err(Refusal::IdOutOfRange { id: 2, agents: 2 }));
         assert_eq!(ask(1, 1, [9; 32]), Err(Refusal::Config { ours: digest, theirs: [9; 32] }));
-        assert!(matches!(seats.admit(0, &[1, 3, 255]), Err(Refusal::Malformed(_))));
+        assert!(matches!(seats.admit(0, &[proto::WIRE_VERSION, 3, 255]), Err(Refusal::Malformed(_))));
         assert!(matches!(seats.admit(0, &[9, 3, 255]), Err(Refusal::Version { theirs: 9, .. })));
         seats.close();
         assert_eq!(

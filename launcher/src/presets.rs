@@ -97,7 +97,7 @@ const OPEN: &str = "\
 The papers do not say, so this is our choice; each is a key of the configuration:
   rates         mtppo and mtql start one step to each side of the centre; sppo and sql at the centre and zero
   switch_period 100 update calls, the middle of the published 1 to 10,000
-  switch_unit   update calls; for PPO the unit may also be the gradient step
+  switch_unit   update calls; for PPO also gradient steps, in multiples of ppo.epochs
   smallest rate 3.75e-5 for Q-learning in foraging, printed as 3.7e-5
   epsilon       1.0 to 0.05 over 50,000 environment steps; 0 in tests
   clip_scope    per agent: processes of their own share no gradient norm (the reference clips the team's)

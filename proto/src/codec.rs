@@ -4,19 +4,20 @@
 //! themselves ([`crate::tick`]); control messages ([`crate::control`]) are encoded here. Decoding is bounded, never
 //! panics, and treats leftover bytes as an error: they mean a desynced or foreign peer.
 
+use crate::control::Rates;
 use serde::de::DeserializeOwned;
 use serde::Serialize;
 use thiserror::Error;
 
 /// Version of the wire format. Encodings are positional: reordering or adding a field changes the meaning of the
 /// bytes, so any such change raises this number.
-pub const WIRE_VERSION: u8 = 1;
+pub const WIRE_VERSION: u8 = 2;
 
 /// Version and tag.
 const FRAME_BYTES: usize = 2;
 
-/// No control message is longer, whatever its own limit.
-const LONGEST_CONTROL_MESSAGE: usize = 4096;
+/// No control message is longer: that of the largest schedule.
+const LONGEST_CONTROL_MESSAGE: usize = Rates::MAX_BYTES;
 
 /// Bound on what bincode may claim while it decodes one message. It charges a number that took one byte on the wire
 /// with the eight it takes in memory; twice that leaves room for the lengths. Without a bound, a hostile length makes

@@ -400,7 +400,8 @@ pub struct Schedule {
 #[serde(rename_all = "snake_case")]
 pub enum SwitchUnit {
     UpdateCall,
-    /// One for each epoch; an update call keeps the rates with which it began.
+    /// One for each epoch of PPO, one for each update call of Q-learning. Rates change between update calls only, so
+    /// that a period has to be a whole number of them.
     GradientStep,
 }
 

@@ -42,7 +42,7 @@ impl Message for Metrics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::{decode, encode, WireError};
+    use crate::codec::{decode, encode, WireError, WIRE_VERSION};
 
     fn metrics(scalars: usize) -> Metrics {
         let scalars = (0..scalars).map(|i| (format!("scalar_{i:04}"), i as f64)).collect();
@@ -90,8 +90,8 @@ mod tests {
     fn hostile_lengths_are_refused() {
         // Two counters of zero, then a list of 2^64 - 1 scalars; or one scalar whose name is that long.
         let length = [253, 255, 255, 255, 255, 255, 255, 255, 255];
-        let list = [&[1, 8, 0, 0][..], &length].concat();
-        let name = [&[1, 8, 0, 0, 1][..], &length].concat();
+        let list = [&[WIRE_VERSION, 8, 0, 0][..], &length].concat();
+        let name = [&[WIRE_VERSION, 8, 0, 0, 1][..], &length].concat();
         let huge_list = [&list[..], &[1; 2000]].concat();
         for bytes in [list, name, huge_list] {
             let error = decode::<Metrics>(&bytes).unwrap_err();

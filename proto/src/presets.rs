@@ -282,7 +282,7 @@ mod tests {
     fn every_preset_is_a_valid_configuration() {
         for name in AlgoName::ALL {
             for family in Family::ALL {
-                for agents in [1, 2, 10, 25] {
+                for agents in [1, 2, 10, 25, 26, 64, 100, 1_000] {
                     assert_eq!(config("r", "t", agents, name, family).validate(), Ok(()));
                 }
             }

@@ -47,7 +47,7 @@ fn observe() -> Observe {
 
 fn refusals() -> [(&'static str, Refusal); 6] {
     [
-        ("welcome-version", Refusal::Version { ours: 1, theirs: 2 }),
+        ("welcome-version", Refusal::Version { ours: 2, theirs: 1 }),
         ("welcome-config", Refusal::Config { ours: [0xaa; 32], theirs: [0xbb; 32] }),
         ("welcome-id-taken", Refusal::IdTaken { id: 2 }),
         ("welcome-id-out-of-range", Refusal::IdOutOfRange { id: 3, agents: 3 }),

@@ -1,7 +1,10 @@
 //! The largest numbers that a configuration may hold, each with its reason.
 
-/// Agent indices fit a u16; the schedule message sets a tighter bound ([`crate::control::Rates::longest`]).
+/// Agent indices fit a u16.
 pub const MAX_AGENTS: u32 = 65_535;
+
+/// The schedule message has a byte for the level of each agent.
+pub const MAX_LEVELS: usize = 256;
 
 /// Rows of a tick are counted in a u16, and a checkpoint holds a random stream for each copy.
 pub const MAX_COPIES: u32 = 10_000;

@@ -1,15 +1,13 @@
 //! What the types of a configuration cannot say, judged all at once.
 
 use super::limits::{
-    MAX_AGENTS, MAX_BUFFER, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_OPPONENT, MAX_TASK_NAME,
+    MAX_AGENTS, MAX_BUFFER, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_LEVELS, MAX_OPPONENT, MAX_TASK_NAME,
     MAX_TEST_EPISODES,
 };
 use super::{
-    Algo, AlgoName, ClipScope, Config, ConfigError, Learner, Period, Ppo, QLearning, Schedule, Timescales,
-    World,
+    Algo, AlgoName, ClipScope, Config, ConfigError, Learner, Period, Ppo, QLearning, Schedule, SwitchUnit,
+    Timescales, World,
 };
-use crate::codec::Message;
-use crate::control::Rates;
 use crate::keys::check_run_name;
 use std::fmt::Display;
 
@@ -28,11 +26,26 @@ impl Config {
         self.algo.judge(&mut mistakes);
         self.judge_learner(&mut mistakes);
         self.schedule.judge(self.world.agents, self.algo.name, &mut mistakes);
+        self.judge_period(&mut mistakes);
         mistakes.at_least_one("test.interval", self.test.interval);
         mistakes.within("test.episodes", self.test.episodes, MAX_TEST_EPISODES);
         mistakes.at_least_one("save.interval", self.save.interval);
         mistakes.at_least_one("log.interval", self.log.interval);
         mistakes.into_result()
+    }
+
+    /// Rates change between update calls. A period that ended within one would give some agents more turns than others.
+    fn judge_period(&self, mistakes: &mut Mistakes) {
+        let (Some(ppo), Period::Every(steps)) = (&self.ppo, self.schedule.switch_period) else { return };
+        let epochs = u64::from(ppo.epochs);
+        let by_steps = self.schedule.switch_unit == SwitchUnit::GradientStep;
+        if by_steps && epochs > 0 && !steps.is_multiple_of(epochs) {
+            mistakes.add(format!(
+                "`schedule.switch_period` is {steps} gradient steps: expected a multiple of `ppo.epochs` = {epochs}, \
+                 because rates change between update calls only; take another period, or \
+                 `schedule.switch_unit` = `update_call`"
+            ));
+        }
     }
 
     /// The section of the algorithm's learner has to be there, and no other: its keys would be ignored.
@@ -141,15 +154,9 @@ impl Schedule {
         }
         self.judge_levels(agents, mistakes);
         self.judge_name(name, mistakes);
-        let longest = Rates::longest(self.levels.len(), self.rates.len());
-        if longest > Rates::MAX_BYTES {
-            mistakes.add(format!(
-                "`schedule`: {} agents with {} rates make a schedule message of up to {longest} bytes: \
-                 expected at most {}, so use fewer agents or fewer rates",
-                self.levels.len(),
-                self.rates.len(),
-                Rates::MAX_BYTES
-            ));
+        if self.rates.len() > MAX_LEVELS {
+            let found = self.rates.len();
+            mistakes.add(format!("`schedule.rates` has {found} levels: expected at most {MAX_LEVELS}"));
         }
         if self.switch_period == Period::Every(0) {
             mistakes.add("`schedule.switch_period` is 0: expected a whole number from 1, or \"inf\"");

@@ -1,6 +1,7 @@
 //! The schedule of learning rates as the coordinator tells it, and how it learns where the agents are.
 
 use crate::codec::Message;
+use crate::config::limits::{MAX_AGENTS, MAX_LEVELS};
 use serde::{Deserialize, Serialize};
 
 /// Who learns at which rate in the update calls from `from` up to, not including, `until`.
@@ -9,7 +10,8 @@ use serde::{Deserialize, Serialize};
 /// - from the coordinator to every agent
 /// - if lost: the agent asks for it; no agent makes an update call that no schedule covers
 ///
-/// This is all that agents hear about each other, so it is kept small: 64 bytes.
+/// This is all that agents receive about each other, so it is kept small: a number for each level and a byte for each
+/// agent, at most 64 bytes for 25 agents with two levels ([`Rates::longest`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Rates {
     /// First update call that this covers, counted from zero.
@@ -63,7 +65,7 @@ const fn varint_bytes(value: u64) -> usize {
 impl Message for Rates {
     const TAG: u8 = 5;
     const NAME: &'static str = "Rates";
-    const MAX_BYTES: usize = 64;
+    const MAX_BYTES: usize = Self::longest(MAX_AGENTS as usize, MAX_LEVELS);
 
     fn check(&self) -> Result<(), String> {
         if self.from >= self.until {
@@ -156,34 +158,44 @@ mod tests {
         assert_eq!(decode(&encode(&rates()).unwrap()), Ok(rates()));
     }
 
-    #[test]
-    fn the_longest_message_is_as_long_as_computed() {
-        for levels in 1..=5 {
-            for agents in 1..=40 {
-                let rates = Rates {
-                    from: u64::MAX - 1,
-                    until: u64::MAX,
-                    fast_agent: agents - 1,
-                    rates: vec![1e-4; levels],
-                    levels: vec![0; agents as usize],
-                };
-                let longest = Rates::longest(agents as usize, levels);
-                match encode(&rates) {
-                    Ok(bytes) => assert_eq!(bytes.len(), longest),
-                    Err(error) => {
-                        assert_eq!(error, WireError::TooLong { name: "Rates", limit: 64, found: longest });
-                    }
-                }
-            }
+    /// The longest message of a team in which every level has an agent.
+    fn largest(agents: usize, levels: usize) -> Rates {
+        Rates {
+            from: u64::MAX - 1,
+            until: u64::MAX,
+            fast_agent: agents as u32 - 1,
+            rates: vec![1e-4; levels],
+            levels: (0..agents).map(|agent| (agent % levels) as u8).collect(),
         }
     }
 
     #[test]
-    fn two_rates_leave_room_for_twenty_five_agents() {
-        assert_eq!(Rates::longest(25, 2), 64);
-        assert_eq!(Rates::longest(26, 2), 65);
+    fn the_longest_message_is_as_long_as_computed_and_comes_back() {
+        let a_rate_each = (1..=64).map(|n| (n, n));
+        let large = [(250, 2), (251, 2), (252, 2), (256, 256), (1_000, 2), (65_535, 2), (65_535, 256)];
+        for (agents, levels) in a_rate_each.chain(large) {
+            let rates = largest(agents, levels);
+            let bytes = encode(&rates).unwrap();
+            assert_eq!(bytes.len(), Rates::longest(agents, levels), "{agents} agents, {levels} levels");
+            assert_eq!(decode(&bytes), Ok(rates), "{agents} agents, {levels} levels");
+        }
+    }
+
+    #[test]
+    fn a_message_has_eight_bytes_for_each_level_and_one_for_each_agent() {
+        for (agents, levels) in [(1, 1), (2, 2), (25, 2), (10, 10), (64, 64), (250, 250)] {
+            assert_eq!(Rates::longest(agents, levels), 23 + 8 * levels + agents);
+        }
+        assert_eq!((Rates::longest(25, 2), Rates::longest(10, 10)), (64, 113));
         assert_eq!(Rates::longest(251, 1), 2 + 18 + 1 + 9 + 3 + 251);
         assert_eq!(Rates::longest(252, 1), 2 + 18 + 3 + 9 + 3 + 252);
+        assert_eq!(Rates::MAX_BYTES, 2 + 18 + 3 + (3 + 8 * 256) + (3 + 65_535));
+    }
+
+    #[test]
+    fn a_message_that_is_longer_than_any_team_needs_is_refused() {
+        let too_long = Rates { levels: vec![0; 65_536 + 2_048], ..largest(1, 1) };
+        assert!(matches!(encode(&too_long), Err(WireError::TooLong { name: "Rates", .. })));
     }
 
     #[test]

@@ -170,10 +170,10 @@ mod tests {
         assert_eq!(refused(&good[..23]), "Act message of 23 bytes: expected at least 24");
         assert_eq!(refused(&good[..29]), "Act message of 29 bytes: its header says 30");
         assert_eq!(refused(&[&good[..], &[0]].concat()), "Act message of 31 bytes: its header says 30");
-        assert_eq!(refused(&[1, 1]), "message with tag 1: expected Act, tag 2");
+        assert_eq!(refused(&[WIRE_VERSION, 1]), "message with tag 1: expected Act, tag 2");
         assert_eq!(
             refused(&[7, 2]),
-            "message of wire version 7: this program speaks version 1; \
+            "message of wire version 7: this program speaks version 2; \
              install the same version of rondo on every host"
         );
     }

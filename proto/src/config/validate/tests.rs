@@ -160,17 +160,21 @@ fn every_agent_has_a_level_and_every_level_an_agent() {
 }
 
 #[test]
-fn a_team_whose_schedule_does_not_fit_its_message_is_refused() {
-    let team = |agents: u32| {
-        presets::config("r", "t", agents, AlgoName::Mtppo, Family::Lbf).validate().map_err(|e| e.to_string())
+fn every_agent_of_a_team_may_have_a_rate_of_its_own_up_to_256_levels() {
+    let with_levels = |agents: u32, levels: u32| {
+        let mut config = presets::config("r", "t", agents, AlgoName::Mtppo, Family::Lbf);
+        config.schedule.rates = (1..=levels).map(|level| 1e-4 / f64::from(level)).collect();
+        config.schedule.levels = (0..agents).map(|agent| agent % levels).collect();
+        config.validate().map_err(|error| error.to_string())
     };
-    assert_eq!(team(25), Ok(()));
-    assert_eq!(
-        team(26),
-        Err("the configuration has 1 mistake\n  - `schedule`: 26 agents with 2 rates make a schedule message of \
-             up to 65 bytes: expected at most 64, so use fewer agents or fewer rates"
-            .to_owned())
-    );
+    for agents in 1..=64 {
+        assert_eq!(with_levels(agents, agents), Ok(()), "{agents}");
+    }
+    for (agents, levels) in [(1_000, 2), (256, 256), (65_535, 256)] {
+        assert_eq!(with_levels(agents, levels), Ok(()), "{agents} agents, {levels} levels");
+    }
+    let refused = with_levels(257, 257).unwrap_err();
+    assert!(refused.ends_with("- `schedule.rates` has 257 levels: expected at most 256"), "{refused}");
 }
 
 #[test]
