@@ -104,7 +104,12 @@ impl Learner {
         let size = input.size();
         let method = match (&config.ppo, &config.q) {
             (Some(ppo), _) => Method::Ppo {
-                ppo: Box::new(Ppo::new(settings::ppo(config, ppo), size, n_actions, &mut rng)),
+                ppo: Box::new(Ppo::with_extra_inputs(
+                    settings::ppo(config, ppo),
+                    (obs_size, size - obs_size),
+                    n_actions,
+                    &mut rng,
+                )),
                 in_tests: match ppo.policy_test {
                     PolicyTest::Sample => Choice::Sample,
                     PolicyTest::Greedy => Choice::Greedy,

@@ -139,9 +139,19 @@ pub struct Ppo {
 impl Ppo {
     /// A fresh learner; `rng` gives the initial weights of the actor, then of the critic (§1.3).
     pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
-        let actor =
-            Network { kind: config.actor, inputs: obs_size, hidden: config.hidden, outputs: n_actions };
-        let critic = Network { kind: Kind::Fc, outputs: 1, ..actor };
+        Self::with_extra_inputs(config, (obs_size, 0), n_actions, rng)
+    }
+
+    /// The same; the actor is shown `extra` numbers after each observation, which the critic is not (§1.4).
+    pub fn with_extra_inputs(
+        config: Config,
+        (obs_size, extra): (usize, usize),
+        n_actions: usize,
+        rng: &mut impl Rng,
+    ) -> Self {
+        let (kind, hidden) = (config.actor, config.hidden);
+        let actor = Network { kind, inputs: obs_size + extra, hidden, outputs: n_actions };
+        let critic = Network { kind: Kind::Fc, inputs: obs_size, hidden, outputs: 1 };
         Self {
             config,
             actor: Actor::new(actor, rng),

@@ -78,6 +78,39 @@ impl Playing {
     }
 }
 
+#[test]
+fn the_critic_is_shown_the_observation_alone_whatever_the_actor_is_shown() {
+    let of = |agent_id, last_action| {
+        let mut config = presets::config("r", "lbf-5x5-2p-1f", 2, AlgoName::Ippo, Family::Lbf);
+        (config.algo.agent_id_input, config.algo.last_action_input) = (agent_id, last_action);
+        let mut learner = Learner::new(&config, 0, (9, 6));
+        let checkpoint = learner.checkpoint(&Unlogged::default(), Position::START).unwrap();
+        (learner, checkpoint)
+    };
+    let extra = [((false, false), 0), ((true, false), 2), ((false, true), 6), ((true, true), 8)];
+    for ((agent_id, last_action), extra) in extra {
+        let (_, checkpoint) = of(agent_id, last_action);
+        let rows = |name: &str| checkpoint.tensors.iter().find(|t| t.name == name).map(|t| t.shape[0]);
+        assert_eq!(rows("actor.fc1.weight"), Some(9 + extra));
+        for critic in ["critic", "target_critic", "adam.critic.m", "adam.critic.v"] {
+            assert_eq!(rows(&format!("{critic}.fc1.weight")), Some(9), "{critic}");
+        }
+    }
+    // A checkpoint of another shape is refused in words, such as one from when the critic was shown as much as the actor.
+    let (mut learner, mut old) = of(true, false);
+    for tensor in
+        old.tensors.iter_mut().filter(|t| t.name.contains("critic") && t.name.ends_with("fc1.weight"))
+    {
+        tensor.data.resize(11 * tensor.shape[1], 0.0);
+        tensor.shape[0] = 11;
+    }
+    let refused = learner.restore(&old).err().expect("it has another shape");
+    assert_eq!(refused.code, exit::CONFIG);
+    let text = "the checkpoint of round 0 cannot be used: tensor `critic.fc1.weight` has 1408 numbers, this learner needs \
+                1152; network or task differ";
+    assert!(refused.message.starts_with(text), "{}", refused.message);
+}
+
 /// The text of a failure of which trying again does not help.
 #[track_caller]
 fn ends_for_good(learned: Result<Option<Scalars>, Failure>) -> String {

@@ -66,7 +66,7 @@ impl Actor {
             gradient.fill(0.0);
             let mut done = 0;
             for k in 0..batch.parts.len() {
-                part.fill(batch, k, episodes);
+                part.fill(batch, k, episodes, network.inputs);
                 watch.lap(&mut seconds.layout);
                 network.forward(values, &part.obs, &part.steps, to);
                 watch.lap(&mut seconds.forward);

@@ -14,7 +14,8 @@ use crate::rollout::{End, Episode};
 pub struct Batch {
     /// Which episode is the `k`-th longest.
     order: Vec<usize>,
-    obs_size: usize,
+    /// Numbers that an episode shows in a step: what the actor takes in.
+    shown: usize,
     n_actions: usize,
     /// Which of them go through the networks together.
     pub parts: Vec<Range<usize>>,
@@ -35,7 +36,7 @@ impl Batch {
     /// # Panics
     /// If there is an episode without steps.
     pub fn begin(&mut self, episodes: &[Episode], actor: &Network) {
-        (self.obs_size, self.n_actions) = (actor.inputs, actor.outputs);
+        (self.shown, self.n_actions) = (actor.inputs, actor.outputs);
         assert!(episodes.iter().all(|episode| !episode.is_empty()), "every episode has a step");
         self.order.clear();
         self.order.extend(0..episodes.len());
@@ -98,7 +99,7 @@ pub struct Part {
     episodes: Range<usize>,
     /// How rows are packed.
     pub steps: Steps,
-    /// `rows × obs_size`.
+    /// `rows × inputs`.
     pub obs: Vec<f32>,
     /// `rows × n_actions`.
     pub avail: Vec<u8>,
@@ -109,8 +110,8 @@ pub struct Part {
 }
 
 impl Part {
-    /// Lays out the steps of part number `part`.
-    pub fn fill(&mut self, batch: &Batch, part: usize, episodes: &[Episode]) {
+    /// Lays out the steps of part number `part`, and of what each shows the first `inputs` numbers.
+    pub fn fill(&mut self, batch: &Batch, part: usize, episodes: &[Episode], inputs: usize) {
         self.begin(batch, part, episodes, 0);
         self.avail.clear();
         self.actions.clear();
@@ -119,7 +120,7 @@ impl Part {
         for t in 0..self.steps.len() {
             for k in self.episodes.clone().take(self.steps.count(t)) {
                 let episode = &episodes[batch.order[k]];
-                self.obs.extend_from_slice(&episode.obs[t * batch.obs_size..][..batch.obs_size]);
+                self.obs.extend_from_slice(&episode.obs[t * batch.shown..][..inputs]);
                 self.avail.extend_from_slice(&episode.avail[t * n_actions..][..n_actions]);
                 self.actions.push(episode.actions[t]);
                 self.returns.push(batch.returns[k * longest + t]);
@@ -127,13 +128,13 @@ impl Part {
         }
     }
 
-    /// Lays out all observations of part number `part`, the final ones too, and nothing else.
-    pub fn fill_observations(&mut self, batch: &Batch, part: usize, episodes: &[Episode]) {
+    /// Lays out the first `inputs` numbers of all that part number `part` shows, finally too, and nothing else.
+    pub fn fill_observations(&mut self, batch: &Batch, part: usize, episodes: &[Episode], inputs: usize) {
         self.begin(batch, part, episodes, 1);
         for t in 0..self.steps.len() {
             for k in self.episodes.clone().take(self.steps.count(t)) {
                 let episode = &episodes[batch.order[k]];
-                self.obs.extend_from_slice(&episode.obs[t * batch.obs_size..][..batch.obs_size]);
+                self.obs.extend_from_slice(&episode.obs[t * batch.shown..][..inputs]);
             }
         }
     }
@@ -174,7 +175,7 @@ mod tests {
                 batch.compute_returns(&episodes, 1, 0.0, EndOfBatch::Correct);
                 let mut rows = 0;
                 for k in 0..batch.parts.len() {
-                    part.fill(&batch, k, &episodes);
+                    part.fill(&batch, k, &episodes, 1);
                     assert!(part.steps.rows() <= most, "{kind:?}: {}", part.steps.rows());
                     // Without discounting the return is the reward, here the number of the episode.
                     assert_eq!(part.returns, part.obs);

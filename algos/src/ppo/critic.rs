@@ -57,7 +57,7 @@ impl Critic {
         network.forward(target_values, &vec![0.0; network.inputs], &Steps::of_lengths(&[1]), to);
         let padding = to.out[0];
         for k in 0..batch.parts.len() {
-            part.fill_observations(batch, k, episodes);
+            part.fill_observations(batch, k, episodes, network.inputs);
             watch.lap(&mut seconds.layout);
             network.forward(target_values, &part.obs, &part.steps, to);
             watch.lap(&mut seconds.forward);
@@ -88,7 +88,7 @@ impl Critic {
         for _ in 0..config.epochs {
             gradient.fill(0.0);
             for k in 0..batch.parts.len() {
-                part.fill(batch, k, episodes);
+                part.fill(batch, k, episodes, network.inputs);
                 watch.lap(&mut seconds.layout);
                 network.forward(values, &part.obs, &part.steps, to);
                 watch.lap(&mut seconds.forward);

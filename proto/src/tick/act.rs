@@ -120,7 +120,7 @@ mod tests {
     fn actions_follow_a_header_of_24_bytes() {
         #[rustfmt::skip]
         let expected = [
-            1, 2, 0, 0,  2, 0, 0, 0,  6, 5, 4, 3, 2, 1, 0, 0,  7, 0, 0, 0,  3, 0, 0, 0,
+            2, 2, 0, 0,  2, 0, 0, 0,  6, 5, 4, 3, 2, 1, 0, 0,  7, 0, 0, 0,  3, 0, 0, 0,
             5, 0, 0, 0, 2, 1,
         ];
         assert_eq!(encoded(&example()), expected);
