@@ -8,6 +8,7 @@ mod cluster;
 mod bad_choices;
 mod bad_input;
 mod determinism;
+mod diverging;
 mod faults;
 mod full_disk;
 mod hosts;
