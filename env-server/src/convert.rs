@@ -2,7 +2,9 @@
 
 use envs::scene::Scene;
 use envs::{Sizes, Task, World};
+use process::Failure;
 use proto::config::Reward;
+use proto::exit;
 use proto::stream::stream;
 use proto::{End, Observe};
 use rand_chacha::ChaCha8Rng;
@@ -176,6 +178,29 @@ fn mean(rewards: &[f64]) -> f64 {
     rewards.iter().sum::<f64>() / rewards.len() as f64
 }
 
+/// Whether what a world shows an agent are numbers: an agent drops a message with any other, and would wait for ever.
+///
+/// # Errors
+/// With what is none and where. The same seed comes to it again, so this is [`exit::CONFIG`].
+pub fn check_numbers(agent: usize, observe: &Observe) -> Result<(), Failure> {
+    let bad = |numbers: &[f32]| numbers.iter().position(|number| !number.is_finite());
+    let (row, what) = if let Some(row) = bad(&observe.rewards) {
+        (row, format!("the reward {}", observe.rewards[row]))
+    } else if let Some(at) = bad(&observe.obs) {
+        let (row, place) = (at / observe.obs_size, at % observe.obs_size);
+        (row, format!("an observation with {} in place {place}", observe.obs[at]))
+    } else {
+        return Ok(());
+    };
+    let text = format!(
+        "the world gives agent {agent} {what}, in copy {} at {}: expected a finite number that fits 32 bits\n\
+         hint: correct the world, then start a new run; the last checkpoint stays, but resuming comes to the same",
+        observe.copies[row],
+        observe.id()
+    );
+    Err(Failure::new(exit::CONFIG, text))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -226,5 +251,30 @@ mod tests {
         copies.reset(1, "episode", 0);
         assert_eq!(copies.check(0, &[0, 5]), Ok(()));
         assert_eq!(copies.check(0, &[0, 6]), Err((1, 6)));
+    }
+
+    #[test]
+    fn a_number_that_is_none_is_named_with_the_agent_and_where_it_came_up() {
+        let task = envs::task("lbf-5x5-2p-1f").expect("a task");
+        let mut copies = Copies::of(&task, 2, Reward::Sum);
+        copies.reset(1, "episode", 0);
+        let mut shown = Observe::default();
+        copies.show(1, &mut shown);
+        let check = |change: &dyn Fn(&mut Observe)| {
+            let mut observe = shown.clone();
+            change(&mut observe);
+            check_numbers(1, &observe).map_err(|failure| (failure.code, failure.message))
+        };
+        assert_eq!(check(&|_| ()), Ok(()));
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let (code, text) = check(&|observe| observe.rewards[1] = bad).unwrap_err();
+            assert!(
+                text.starts_with(&format!("the world gives agent 1 the reward {bad}, in copy 1 at ")),
+                "{text}"
+            );
+            assert_eq!(code, exit::CONFIG);
+            let (_, text) = check(&|observe| observe.obs[11] = bad).unwrap_err();
+            assert!(text.contains(&format!("an observation with {bad} in place 2, in copy 1 at ")), "{text}");
+        }
     }
 }

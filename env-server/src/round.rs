@@ -10,7 +10,7 @@ use proto::keys::{Key, Keys};
 use proto::tick::{Mode, TickId};
 use proto::{Act, Observe};
 
-use crate::convert::Copies;
+use crate::convert::{check_numbers, Copies};
 use crate::record::Seconds;
 use crate::seats::Seats;
 
@@ -113,6 +113,7 @@ impl<'a> Team<'a> {
                 (observation.mode, observation.epoch) = (id.mode, id.epoch);
                 (observation.round, observation.tick, observation.t_env) = (id.round, id.tick, t_env);
                 copies.show(agent, observation);
+                check_numbers(agent, observation)?;
                 observation.encode(&mut self.messages[agent]);
                 let encoded = Instant::now();
                 self.observe[agent].send(&self.messages[agent])?;
