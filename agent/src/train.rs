@@ -67,14 +67,15 @@ struct Report {
 pub fn run(role: Role, id: u32, machine: Machine) -> Result<Left, Failure> {
     // Before others wait for this agent.
     let opened = machine.device.open().map_err(|error| Failure::new(exit::CONFIG, error))?;
-    let join = Join {
-        config_digest: role.config.digest(),
-        nonce: nonce(),
-        checkpoints: role.folder.checkpoints().rounds()?,
-    };
+    let join =
+        Join { config_digest: role.config.digest(), nonce: nonce(), checkpoints: role.folder.held_rounds()? };
     let seat = take_seat(&role, id, &join)?;
     tracing::info!(agent = id, epoch = seat.epoch, round = seat.round, device = %machine.device, "has a seat");
 
+    if seat.round == 0 {
+        role.set_aside()?;
+    }
+    role.folder.keep_config(&role.config.to_toml())?;
     let mut agent = Agent::start(&role, id, seat, machine, opened)?;
     // The token comes last: whoever sees it knows that the subscriptions are there.
     let _schedule = role.bus.subscribe(&role.keys.schedule(), role.inbox.clone())?;

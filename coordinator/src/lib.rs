@@ -35,9 +35,19 @@ pub struct Arguments {
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || run(arguments.common.open("coordinator", arguments.listen.clone(), vec![])?);
     match attempt() {
-        Ok(()) => ExitCode::from(exit::DONE),
+        Ok(Left::Team) => ExitCode::from(exit::DONE),
+        Ok(Left::Stopped) => ExitCode::from(exit::AGAIN),
         Err(failure) => process::report(&failure),
     }
+}
+
+/// Why the coordinator left without an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Left {
+    /// All agents have left.
+    Team,
+    /// It was asked to stop while agents were here; start it again.
+    Stopped,
 }
 
 /// What goes into the role's result.json.
@@ -52,7 +62,7 @@ struct Report {
 ///
 /// # Errors
 /// If agents do not come within `role.wait` (they are named), or the bus or the disk fails.
-pub fn run(role: Role) -> Result<(), Failure> {
+pub fn run(role: Role) -> Result<Left, Failure> {
     let Role { ref bus, ref config, ref keys, ref events, wait, .. } = role;
     let publisher = bus.publisher(&keys.schedule())?;
     let _served = bus.serve(&keys.schedule(), role.inbox.clone())?;
@@ -65,6 +75,7 @@ pub fn run(role: Role) -> Result<(), Failure> {
     // The furthest update call that anybody has come to, and the first that nobody has been told of.
     let (mut foremost, mut published) = (0, 0);
     let deadline = Instant::now() + wait;
+    let mut left = Left::Team;
     while !team.has_left() {
         let event = if team.missing().is_empty() {
             events.recv().map_err(|_| RecvTimeoutError::Disconnected)
@@ -108,7 +119,10 @@ pub fn run(role: Role) -> Result<(), Failure> {
                 }
                 None
             }
-            Ok(Event::Stop) => break,
+            Ok(Event::Stop) => {
+                left = Left::Stopped;
+                break;
+            }
             Err(RecvTimeoutError::Timeout) => return Err(team.did_not_come(wait, &config.run)),
             Err(RecvTimeoutError::Disconnected) => break,
         };
@@ -126,7 +140,7 @@ pub fn run(role: Role) -> Result<(), Failure> {
         }
     }
     role.folder.write_result(&Report { role: "coordinator", traffic: role.traffic() })?;
-    Ok(())
+    Ok(left)
 }
 
 /// The schedule of an update call as it goes over the bus, and the first call that it does not cover.

@@ -31,6 +31,10 @@ pub struct Arguments {
     /// The opponent's weights, if the configuration names a file of its own; kept in the run folder
     #[arg(long, value_name = "FILE")]
     pub opponent: Option<PathBuf>,
+    /// Start from the beginning where not every role holds a checkpoint of the same round; the old checkpoints and
+    /// rows are set aside
+    #[arg(long)]
+    pub start_over: bool,
 }
 
 /// The whole process: opens what the arguments say and runs until the run is closed.
@@ -43,7 +47,7 @@ pub fn main(arguments: &Arguments) -> ExitCode {
             task::check_opponent(&role.config.world.opponent, &bytes, file)?;
             role.folder.keep_in_run(OPPONENT_FILE, &bytes)?;
         }
-        run(role)
+        run(role, arguments.start_over)
     };
     match attempt() {
         Ok(Closed::Finished) => ExitCode::from(exit::DONE),

@@ -242,7 +242,10 @@ impl<'a> Team<'a> {
 
     fn has_left(&self, agent: usize, id: TickId) -> Failure {
         let run = format!("agent {agent} has left the run and did not come back within {GRACE:?} ({id})");
-        Failure::new(exit::AGAIN, format!("{run}\nhint: everybody else has saved; `rondo resume` goes on"))
+        Failure::new(
+            exit::AGAIN,
+            format!("{run}\nhint: everybody else has saved; start the same commands again"),
+        )
     }
 
     fn is_silent(&self, id: TickId) -> Failure {
@@ -253,6 +256,9 @@ impl<'a> Team<'a> {
         });
         let silent: Vec<_> = silent.collect();
         let text = format!("no answer within {:?} to {id} from {}", self.patience, silent.join(", "));
-        Failure::new(exit::AGAIN, format!("{text}\nhint: look at its log; `rondo resume` goes on"))
+        Failure::new(
+            exit::AGAIN,
+            format!("{text}\nhint: look at its log, then start the same commands again"),
+        )
     }
 }

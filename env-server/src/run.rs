@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use bus::Event;
 use process::{Failure, Role, Scalars};
 use proto::config::Config;
-use proto::control::Seat;
+use proto::control::{Refusal, Seat};
 use proto::exit;
 use proto::tick::TickId;
 use proto::Mode;
@@ -36,12 +36,13 @@ struct Saved {
     metrics: Position,
 }
 
-/// Runs the world until the budget is used or [`Event::Stop`] comes.
+/// Runs the world until the budget is used or [`Event::Stop`] comes. `start_over`: where no round is held by every
+/// process, set the old state aside and start from the beginning.
 ///
 /// # Errors
 /// If the task is unknown or does not fit the configuration, agents do not come within `role.wait`
 /// (they are named), leave or fall silent for as long, or the disk fails.
-pub fn run(role: Role) -> Result<Closed, Failure> {
+pub fn run(role: Role, start_over: bool) -> Result<Closed, Failure> {
     let Role { ref bus, ref config, ref keys, ref events, ref folder, wait, .. } = role;
     let task = task(config, folder.run())?;
     let agents = config.world.agents;
@@ -55,19 +56,34 @@ pub fn run(role: Role) -> Result<Closed, Failure> {
     guards.push(bus.announce(&keys.alive_world())?);
 
     let checkpoints = folder.checkpoints();
-    let mut seats = Seats::new(config, checkpoints.rounds()?);
+    let mut seats = Seats::new(config, folder.held_rounds()?);
     let deadline = Instant::now() + wait;
     take_in(&mut seats, &role, deadline, Seats::not_joined)?;
 
-    let round = seats.common_round();
-    let (mut edge, mut epoch, mut position) = (Edge::default(), 0, Position::START);
+    let round = match seats.common_round() {
+        Ok(round) => round,
+        Err(who_holds_what) if start_over => {
+            tracing::warn!(who_holds_what, "starting over: no checkpoint is held by every process");
+            0
+        }
+        Err(who_holds_what) => {
+            let refusal = Refusal::no_common_round(&who_holds_what);
+            seats.refuse(&refusal);
+            return Err(Failure::new(exit::CONFIG, refusal));
+        }
+    };
+    let (mut edge, mut least_epoch, mut position) = (Edge::default(), 0, Position::START);
     if round > 0 {
         let saved: Saved = serde_json::from_slice(&checkpoints.load(round)?.state).map_err(|e| {
             Failure::new(exit::CONFIG, format!("the checkpoint of round {round} cannot be used: {e}"))
         })?;
-        (edge, epoch, position) = (saved.edge, saved.epoch + 1, saved.metrics);
+        (edge, least_epoch, position) = (saved.edge, saved.epoch + 1, saved.metrics);
+        checkpoints.discard_after(round)?;
+    } else {
+        role.set_aside()?;
     }
-    checkpoints.discard_after(round)?;
+    folder.keep_config(&config.to_toml())?;
+    let epoch = folder.next_epoch(least_epoch)?;
     let seat = |agent: usize| Seat {
         epoch,
         round,
@@ -81,7 +97,7 @@ pub fn run(role: Role) -> Result<Closed, Failure> {
     };
     seats.grant((0..agents as usize).map(seat).collect());
     take_in(&mut seats, &role, deadline, Seats::absent)?;
-    tracing::info!(epoch, round, "everybody is here");
+    tracing::info!(epoch, round, "all agents joined");
 
     let observe = (0..agents).map(|agent| bus.publisher(&keys.observe(agent))).collect::<Result<_, _>>()?;
     let mut server = Server {
@@ -140,6 +156,17 @@ fn did_not_join(seats: &Seats, missing: fn(&Seats) -> Vec<usize>, role: &Role) -
     let here: Vec<usize> = (0..seats.team_size()).filter(|id| !missing.contains(id)).collect();
     let here = if here.is_empty() { "nobody is here".to_owned() } else { format!("here: {}", list(&here)) };
     let first = missing.first().copied().unwrap_or_default();
+    if seats.not_joined().is_empty() {
+        let text = format!(
+            "agents {} of run `{}` joined, but did not announce themselves within {:?} ({here})\n  waited for the \
+             liveliness token `{}`\nhint: an agent declares it after its seat; look at its log",
+            list(&missing),
+            role.config.run,
+            role.wait,
+            role.keys.alive_agent(first as u32)
+        );
+        return Failure::new(exit::AGAIN, text);
+    }
     Failure::new(
         exit::AGAIN,
         format!(

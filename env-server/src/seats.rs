@@ -68,8 +68,9 @@ impl Seats {
                     answer(query, &Welcome::Seat(seat));
                 }
                 None => {
-                    tracing::info!(agent = id, "has joined");
-                    self.seats[id as usize].waiting = Some(query);
+                    if self.seats[id as usize].waiting.replace(query).is_none() {
+                        tracing::info!(agent = id, "joined");
+                    }
                 }
             },
         }
@@ -114,17 +115,45 @@ impl Seats {
         (0..self.seats.len()).filter(|&id| !self.seats[id].present).collect()
     }
 
-    /// The latest round edge that everybody holds; 0, the beginning, is held by all.
-    pub fn common_round(&self) -> u64 {
-        let held = |rounds: &[u64], round: u64| rounds.contains(&round);
-        let common = self.own_rounds.iter().copied();
-        let common = common.filter(|&round| self.seats.iter().all(|seat| held(&seat.checkpoints, round)));
-        let chosen = common.max().unwrap_or(0);
-        let newest = self.seats.iter().flat_map(|seat| &seat.checkpoints).chain(&self.own_rounds).max();
-        if chosen == 0 && newest.is_some_and(|&newest| newest > 0) {
-            tracing::warn!("no checkpoint is held by every process: the run starts from the beginning");
+    /// The latest round that everybody can start from. It is 0, the beginning, for a new run, and where the first
+    /// save was cut short: then nobody holds more than one checkpoint, and everybody had a seat before.
+    ///
+    /// # Errors
+    /// Who holds what, if going back to the beginning would throw work away.
+    pub fn common_round(&self) -> Result<u64, String> {
+        let everybody = || std::iter::once(&self.own_rounds).chain(self.seats.iter().map(|s| &s.checkpoints));
+        let held_by_all = |round: &&u64| everybody().all(|rounds| rounds.contains(round));
+        let common = self.own_rounds.iter().filter(held_by_all).max();
+        let is_new = everybody().flatten().all(|&round| round == 0);
+        let first_save_cut_short = common == Some(&0) && everybody().all(|rounds| rounds.len() <= 2);
+        match common {
+            Some(&round) if round > 0 => Ok(round),
+            _ if is_new || first_save_cut_short => Ok(0),
+            _ => Err(self.who_holds_what()),
         }
-        chosen
+    }
+
+    /// The rounds of every process, in words.
+    fn who_holds_what(&self) -> String {
+        let agents =
+            self.seats.iter().enumerate().map(|(id, seat)| (format!("agent {id}"), &seat.checkpoints));
+        let everybody = std::iter::once(("env-server".to_owned(), &self.own_rounds)).chain(agents);
+        let texts = everybody.map(|(name, rounds)| {
+            let rounds: Vec<String> = rounds.iter().filter(|&&round| round > 0).map(u64::to_string).collect();
+            let rounds = if rounds.is_empty() { "none".to_owned() } else { rounds.join(" and ") };
+            format!("{name}: {rounds}")
+        });
+        texts.collect::<Vec<_>>().join(", ")
+    }
+
+    /// Refuses everybody who waits, and takes nobody in any more.
+    pub fn refuse(&mut self, refusal: &Refusal) {
+        for state in &mut self.seats {
+            if let Some(query) = state.waiting.take() {
+                answer(query, &Welcome::Refused(refusal.clone()));
+            }
+        }
+        self.closing = true;
     }
 
     /// Grants all seats; answers everybody who waits.
@@ -190,11 +219,37 @@ mod tests {
 
     #[test]
     fn everybody_starts_from_the_latest_round_that_everybody_holds() {
-        assert_eq!(seats(&[100, 200], &[&[100, 200], &[100, 200]]).common_round(), 200);
-        assert_eq!(seats(&[100, 200], &[&[100, 200], &[50, 100]]).common_round(), 100);
-        assert_eq!(seats(&[100], &[&[100, 200], &[100, 200]]).common_round(), 100);
-        assert_eq!(seats(&[200], &[&[200], &[100]]).common_round(), 0);
-        assert_eq!(seats(&[], &[&[], &[]]).common_round(), 0);
+        let both = |theirs: &[u64]| [theirs.to_vec(), theirs.to_vec()];
+        let common =
+            |own: &[u64], theirs: [Vec<u64>; 2]| seats(own, &[&theirs[0], &theirs[1]]).common_round();
+        assert_eq!(common(&[0, 100, 200], both(&[0, 100, 200])), Ok(200));
+        assert_eq!(common(&[0, 100, 200], [vec![0, 100, 200], vec![0, 50, 100]]), Ok(100));
+        assert_eq!(common(&[0, 100], both(&[0, 100, 200])), Ok(100));
+        assert_eq!(common(&[], both(&[])), Ok(0), "a new run");
+        assert_eq!(common(&[0], both(&[0])), Ok(0), "ended before the first save");
+        assert_eq!(common(&[0], [vec![0], vec![]]), Ok(0), "nothing is lost by a new folder");
+    }
+
+    #[test]
+    fn a_first_save_that_was_cut_short_starts_from_the_beginning() {
+        assert_eq!(seats(&[0, 100], &[&[0], &[0, 100]]).common_round(), Ok(0));
+        assert_eq!(seats(&[0], &[&[0, 100], &[0, 100]]).common_round(), Ok(0));
+    }
+
+    #[test]
+    fn a_start_that_would_throw_work_away_is_refused_and_names_who_holds_what() {
+        let refused = |own: &[u64], theirs: &[&[u64]]| seats(own, theirs).common_round().unwrap_err();
+        assert_eq!(
+            refused(&[0, 17], &[&[0, 17], &[]]),
+            "env-server: 17, agent 0: 17, agent 1: none",
+            "a new folder is not one that began this run"
+        );
+        assert_eq!(refused(&[], &[&[0, 17], &[0, 17]]), "env-server: none, agent 0: 17, agent 1: 17");
+        assert_eq!(
+            refused(&[0, 100, 200], &[&[0, 100, 200], &[0]]),
+            "env-server: 100 and 200, agent 0: 100 and 200, agent 1: none"
+        );
+        assert_eq!(refused(&[200], &[&[200], &[100]]), "env-server: 200, agent 0: 200, agent 1: 100");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Each role as a child process of this one: this same program, called with the role's name.
 
 use std::collections::VecDeque;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
@@ -13,12 +13,13 @@ use std::time::{Duration, Instant};
 use agent::Machine;
 use nix::sys::signal::{kill, Signal};
 use nix::unistd::Pid;
-use process::{Failure, LISTENING};
+use process::{Failure, LEAVE_NOW, LISTENING};
 use proto::config::Config;
 use proto::exit;
 use store::RunFolder;
 use tempfile::TempDir;
 
+use crate::drive::Options;
 use crate::roles::{listen, Ended, News, Roles, Transport};
 
 /// How many of a child's last lines are worth telling.
@@ -47,8 +48,8 @@ pub struct ChildProcesses {
 
 struct RunningChild {
     pid: Pid,
-    /// Closed when this process ends, however it ends: the child then leaves.
-    _stdin: ChildStdin,
+    /// Closed when this process ends, however it ends: the child then saves and leaves.
+    stdin: ChildStdin,
     ended: Arc<Mutex<bool>>,
 }
 
@@ -66,7 +67,7 @@ impl ChildProcesses {
     pub fn start(
         folder: &RunFolder,
         config: &Config,
-        wait: Duration,
+        options: &Options,
         machine: Machine,
         transport: Transport,
         news: &Sender<News>,
@@ -85,7 +86,7 @@ impl ChildProcesses {
         let mut common: Vec<String> = vec![
             format!("--config={}", folder.path().join("config.toml").display()),
             format!("--out={}", folder.path().display()),
-            format!("--wait={}", wait.as_secs()),
+            format!("--wait={}", options.wait.as_secs()),
             "--with-launcher".to_owned(),
         ];
         common.extend(monitor.endpoints().iter().map(|endpoint| format!("--monitor={endpoint}")));
@@ -93,7 +94,10 @@ impl ChildProcesses {
         let mut roles = Self { children: vec![], _monitor: monitor, _sockets: sockets, stops: 0 };
         let (listening, endpoints) = channel();
         for (role, name) in [("env-server", "world"), ("coordinator", "coordinator")] {
-            let arguments = [format!("--listen={}", endpoint(name))];
+            let mut arguments = vec![format!("--listen={}", endpoint(name))];
+            if options.start_over && role == "env-server" {
+                arguments.push("--start-over".to_owned());
+            }
             roles.spawn(role, name, common.iter().chain(&arguments), news, Some(listening.clone()))?;
         }
         drop(listening);
@@ -141,7 +145,7 @@ impl ChildProcesses {
         let pid = Pid::from_raw(child.id() as i32);
         let stdin = child.stdin.take().expect("it was asked for");
         let ended = Arc::new(Mutex::new(false));
-        self.children.push(RunningChild { pid, _stdin: stdin, ended: ended.clone() });
+        self.children.push(RunningChild { pid, stdin, ended: ended.clone() });
         let (name, news) = (name.to_owned(), news.clone());
         if let Some(stdout) = child.stdout.take() {
             thread::spawn(move || tell_endpoints(stdout, listening));
@@ -151,6 +155,15 @@ impl ChildProcesses {
             let _ = news.send(News::Ended { role: name, result });
         });
         Ok(())
+    }
+
+    /// Asks every child to save its last complete round and leave. Not by a second SIGTERM, which soon after the
+    /// first would count as the same request.
+    fn leave_now(&mut self) {
+        for child in &mut self.children {
+            // One that has ended does not read any more.
+            let _ = child.stdin.write_all(LEAVE_NOW);
+        }
     }
 
     fn signal(&self, which: impl Iterator<Item = usize>, signal: Signal) {
@@ -257,13 +270,16 @@ fn verdict(status: ExitStatus, reports: bool, last_words: &VecDeque<String>) -> 
 impl Roles for ChildProcesses {
     fn stop(&mut self) {
         self.stops += 1;
-        let which = if self.stops == 1 { 0..1 } else { 0..self.children.len() };
-        self.signal(which, Signal::SIGTERM);
+        if self.stops == 1 {
+            self.signal(0..1, Signal::SIGTERM);
+        } else {
+            self.leave_now();
+        }
     }
 
     fn abandon(&mut self) {
         let all = 0..self.children.len();
-        self.signal(all.clone(), Signal::SIGTERM);
+        self.leave_now();
         let deadline = Instant::now() + PATIENCE;
         while !self.children.iter().all(RunningChild::has_ended) {
             if Instant::now() >= deadline {

@@ -1,17 +1,15 @@
 //! One run from its start to its summary, in processes or in one.
 
 use std::path::Path;
-use std::sync::mpsc::{channel, Receiver, RecvTimeoutError, Sender};
+use std::sync::mpsc::{channel, Receiver, RecvTimeoutError};
 use std::thread::available_parallelism;
 use std::time::{Duration, Instant, SystemTime};
 
 use agent::Machine;
 use algos::device::DeviceName;
-use process::Failure;
+use process::{Failure, StopRequest};
 use proto::config::Config;
 use proto::exit;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 use store::RunFolder;
 
 use crate::child_processes::ChildProcesses;
@@ -39,6 +37,10 @@ pub struct Options {
     /// How long roles wait for each other.
     pub wait: Duration,
     pub show: Show,
+    /// Start from the beginning where not every role holds a checkpoint of the same round; the old state is set aside.
+    pub start_over: bool,
+    /// A sweep started this run and holds the other end of stdin.
+    pub with_launcher: bool,
     /// How many teams train on this machine at the same time, this one included.
     pub teams: u32,
 }
@@ -53,16 +55,24 @@ const AFTER_FAILURE: Duration = Duration::from_millis(1500);
 pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(Ended, Summary), Failure> {
     let _held = one_at_a_time::hold(folder.path())?;
     let (sender, news) = channel();
-    watch_signals(sender.clone())?;
+    let requests = sender.clone();
+    // Nobody receives any more only when the run has ended.
+    process::on_stop_request(move |request| drop(requests.send(News::StopRequest(request))))?;
+    if options.with_launcher {
+        let requests = sender.clone();
+        process::when_stdin_closes(move || {
+            drop(requests.send(News::StopRequest(StopRequest::AfterThisRound)))
+        });
+    }
     let start = SystemTime::now();
     let mut display = Display::new(config, options.show);
     let processors = available_parallelism().map_or(1, usize::from);
     let agents = options.teams.saturating_mul(config.world.agents) as usize;
     let machine = Machine { device: options.device, threads: threads_to_learn(agents, processors) };
     let mut roles: Box<dyn Roles> = match options.place {
-        Place::InProcess => Box::new(InProcess::start(folder, config, options.wait, machine, &sender)?),
+        Place::InProcess => Box::new(InProcess::start(folder, config, &options, machine, &sender)?),
         Place::Processes(transport) => {
-            Box::new(ChildProcesses::start(folder, config, options.wait, machine, transport, &sender)?)
+            Box::new(ChildProcesses::start(folder, config, &options, machine, transport, &sender)?)
         }
     };
     let count = config.world.agents as usize + 2;
@@ -87,19 +97,6 @@ fn threads_to_learn(agents: usize, processors: usize) -> usize {
     }
 }
 
-fn watch_signals(sender: Sender<News>) -> Result<(), Failure> {
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])
-        .map_err(|error| Failure::new(exit::BUG, format!("cannot watch for signals: {error}")))?;
-    std::thread::spawn(move || {
-        for _ in signals.forever() {
-            if sender.send(News::Signal).is_err() {
-                break;
-            }
-        }
-    });
-    Ok(())
-}
-
 /// Follows the roles until all have ended.
 fn follow(
     roles: &mut dyn Roles,
@@ -108,7 +105,7 @@ fn follow(
     count: usize,
     path: &Path,
 ) -> Result<Ended, Failure> {
-    let (mut left, mut ended, mut signals) = (count, Ended::Finished, 0);
+    let (mut left, mut ended) = (count, Ended::Finished);
     let mut failed: Option<(Failure, Instant)> = None;
     while left > 0 {
         let wait = match &failed {
@@ -138,15 +135,17 @@ fn follow(
                     Err(_) => {}
                 }
             }
-            Ok(News::Signal) => {
-                signals += 1;
-                match signals {
-                    1 => display.say("stopping at the next round edge; once more to leave at once"),
-                    2 => {}
-                    _ => roles.abandon(),
+            Ok(News::StopRequest(request)) => match request {
+                StopRequest::AfterThisRound => {
+                    display.say("stopping after this round; press Ctrl-C again to stop now");
+                    roles.stop();
                 }
-                roles.stop();
-            }
+                StopRequest::Now => {
+                    roles.stop();
+                    roles.stop();
+                }
+                StopRequest::Abort => roles.abandon(),
+            },
             Err(RecvTimeoutError::Timeout) if failed.is_some() => break,
             Err(RecvTimeoutError::Timeout) => display.refresh(),
             Err(RecvTimeoutError::Disconnected) => break,

@@ -212,7 +212,7 @@ pub fn unknown(text: &str, what: &str, known: &[&str]) -> Failure {
 }
 
 /// Applies `KEY=VALUE` settings; the value is TOML, or a bare word.
-fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure> {
+pub fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure> {
     if settings.is_empty() {
         return Ok(config);
     }

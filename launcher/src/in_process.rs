@@ -3,7 +3,6 @@
 use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 use agent::Machine;
 use bus::{Bus, Event, Inbox};
@@ -11,6 +10,7 @@ use process::{Failure, Role};
 use proto::config::Config;
 use store::RunFolder;
 
+use crate::drive::Options;
 use crate::roles::{listen, Ended, News, Roles};
 
 /// Roles running as threads.
@@ -31,7 +31,7 @@ impl InProcess {
     pub fn start(
         folder: &RunFolder,
         config: &Config,
-        wait: Duration,
+        options: &Options,
         machine: Machine,
         news: &Sender<News>,
     ) -> Result<Self, Failure> {
@@ -41,7 +41,7 @@ impl InProcess {
         let mut roles =
             Self { _monitor: monitor, world: bus::inbox().0, others: vec![], threads: vec![], stops: 0 };
         let mut begin = |name: String, run: Box<Run>| -> Result<Inbox, Failure> {
-            let role = Role::new(hub.connect(), config.clone(), folder.role(&name)?, wait)?;
+            let role = Role::new(hub.connect(), config.clone(), folder.role(&name)?, options.wait)?;
             let (stop, news) = (role.inbox.clone(), news.clone());
             roles.threads.push(std::thread::spawn(move || {
                 let result = run(role);
@@ -50,16 +50,17 @@ impl InProcess {
             }));
             Ok(stop)
         };
+        let start_over = options.start_over;
         let world = begin(
             "world".to_owned(),
-            Box::new(|role| {
-                env_server::run(role).map(|closed| match closed {
+            Box::new(move |role| {
+                env_server::run(role, start_over).map(|closed| match closed {
                     env_server::Closed::Finished => Ended::Finished,
                     env_server::Closed::Stopped => Ended::Stopped,
                 })
             }),
         )?;
-        let coordinator = Box::new(|role| coordinator::run(role).map(|()| Ended::Finished));
+        let coordinator = Box::new(|role| coordinator::run(role).map(|_| Ended::Finished));
         let mut others = vec![begin("coordinator".to_owned(), coordinator)?];
         for id in 0..config.world.agents {
             let agent = Box::new(move |role| {

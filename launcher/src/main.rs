@@ -13,6 +13,7 @@ mod presets;
 mod render;
 mod replay;
 mod roles;
+mod state;
 mod summary;
 mod sweep;
 mod team;

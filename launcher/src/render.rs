@@ -11,7 +11,6 @@ use env_server::Copies;
 use monitor::picture::{self, Colours, Frame, Terminal};
 use process::Failure;
 use proto::exit;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::eval::Playing;
 use crate::look::unusable;
@@ -77,7 +76,7 @@ impl Render {
         let mut terminal = Terminal::new(std::io::stdout().lock(), columns, rows, colours);
         // The terminal gives the cursor back when it is dropped, which a signal by itself would prevent.
         let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
+        for signal in process::stop_signals() {
             signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Failure::new(exit::BUG, e))?;
         }
         self.play(team, |frame| {

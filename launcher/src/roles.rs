@@ -3,7 +3,7 @@
 use std::sync::mpsc::Sender;
 
 use bus::{Bus, Event};
-use process::Failure;
+use process::{Failure, StopRequest};
 use proto::codec::decode;
 use proto::config::Config;
 use proto::control::Metrics;
@@ -36,8 +36,8 @@ pub enum News {
     Said { role: String, line: String },
     /// A role has ended, well or with its exit code and last words.
     Ended { role: String, result: Result<Ended, Failure> },
-    /// A signal for this process.
-    Signal,
+    /// A signal has asked this process to end.
+    StopRequest(StopRequest),
 }
 
 /// The roles of a run, wherever they are.

@@ -1,10 +1,10 @@
-//! Several seeds of one experiment, one after another or side by side, each a `rondo train` of its own.
+//! Several seeds of one experiment, one after another or side by side, each a `rondo` of its own.
 
+use std::ffi::OsString;
 use std::os::unix::process::CommandExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::Arc;
+use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use nix::sys::signal::{kill, Signal};
@@ -12,32 +12,92 @@ use nix::unistd::Pid;
 use process::Failure;
 use proto::exit;
 
-/// Trains these seeds below `out`, `jobs` of them side by side; the first failure stops the rest.
+/// Between two looks at the seeds that run.
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
+
+/// One seed: its folder and how to train it.
+pub struct Part {
+    seed: u64,
+    folder: PathBuf,
+    arguments: Vec<OsString>,
+}
+
+impl Part {
+    /// The command line of this process with another seed and folder.
+    pub fn train(seed: u64, out: &Path) -> Self {
+        let folder = out.join(format!("seed-{seed}"));
+        let mut arguments = Vec::new();
+        let mut given = std::env::args_os().skip(1);
+        while let Some(argument) = given.next() {
+            let text = argument.to_string_lossy().into_owned();
+            // `--jobs` stays: it says how many share this machine. `--fresh` has chosen the folder.
+            let replaced = ["--seed", "--seeds", "--out"];
+            if replaced.contains(&text.as_str()) {
+                given.next();
+            } else if text != "--fresh"
+                && !replaced.iter().any(|option| text.starts_with(&format!("{option}=")))
+            {
+                arguments.push(argument);
+            }
+        }
+        arguments.extend([format!("--seed={seed}").into(), "--out".into(), folder.clone().into()]);
+        Self { seed, folder, arguments }
+    }
+
+    /// The command line of this process for another run folder.
+    pub fn resume(seed: u64, folder: &Path) -> Self {
+        let sweep = folder.parent().map(Path::as_os_str).unwrap_or_default();
+        let given = std::env::args_os().skip(1);
+        let arguments =
+            given.map(|given| if is_same(&given, sweep) { folder.into() } else { given }).collect();
+        Self { seed, folder: folder.to_owned(), arguments }
+    }
+
+    fn start(&self) -> std::io::Result<Child> {
+        Command::new(std::env::current_exe()?)
+            .args(&self.arguments)
+            .arg("--with-launcher")
+            .stdin(Stdio::piped())
+            // Ctrl-C in a terminal reaches this process alone, which then signals each seed once.
+            .process_group(0)
+            .spawn()
+    }
+}
+
+/// Whether an argument names a folder, with or without a slash at its end.
+fn is_same(argument: &OsString, folder: &std::ffi::OsStr) -> bool {
+    Path::new(argument).components().eq(Path::new(folder).components())
+}
+
+/// Trains these seeds, `jobs` of them side by side; the first failure stops the rest. A signal is passed on to every
+/// seed that runs, which saves.
 ///
 /// # Errors
-/// If a seed fails or cannot be started.
-pub fn run(seeds: &[u64], jobs: usize, out: &Path) -> Result<ExitCode, Failure> {
+/// If a seed cannot be started.
+pub fn run(parts: Vec<Part>, jobs: usize) -> Result<ExitCode, Failure> {
     let io = |error: std::io::Error| Failure::new(exit::IO, format!("cannot start a seed: {error}"));
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register(signal, stop.clone()).map_err(io)?;
-    }
-    let mut waiting: Vec<u64> = seeds.iter().rev().copied().collect();
+    let (sender, requests) = channel();
+    // Nobody receives any more only when all seeds have ended.
+    process::on_stop_request(move |request| {
+        let _ = sender.send(request);
+    })?;
+    let mut waiting = parts.into_iter();
     let mut running: Vec<(u64, Child)> = Vec::new();
     let mut worst = exit::DONE;
     loop {
         while worst == exit::DONE && running.len() < jobs {
-            let Some(seed) = waiting.pop() else { break };
-            eprintln!("seed {seed}: {}", out.join(format!("seed-{seed}")).display());
-            running.push((seed, start(seed, out).map_err(io)?));
+            let Some(part) = waiting.next() else { break };
+            eprintln!("seed {}: {}", part.seed, part.folder.display());
+            running.push((part.seed, part.start().map_err(io)?));
         }
         if running.is_empty() {
             break;
         }
-        if stop.swap(false, Ordering::Relaxed) {
+        // A seed counts the signals as this process does, so each is passed on as it comes.
+        for _request in requests.try_iter() {
             worst = exit::AGAIN;
             for (_, child) in &running {
-                // One that has just ended needs no telling.
+                // One that has just ended needs no signal.
                 let _ = kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM);
             }
         }
@@ -54,32 +114,7 @@ pub fn run(seeds: &[u64], jobs: usize, out: &Path) -> Result<ExitCode, Failure> 
             }
         }
         running = still;
-        std::thread::sleep(Duration::from_millis(50));
+        std::thread::sleep(LOOK_AGAIN);
     }
     Ok(ExitCode::from(worst))
-}
-
-/// The same command line with another seed and folder.
-fn start(seed: u64, out: &Path) -> std::io::Result<Child> {
-    let mut arguments = Vec::new();
-    let mut given = std::env::args_os().skip(1);
-    while let Some(argument) = given.next() {
-        let text = argument.to_string_lossy().into_owned();
-        // `--jobs` stays: it says how many share this machine.
-        let replaced = ["--seed", "--seeds", "--out"];
-        if replaced.contains(&text.as_str()) {
-            given.next();
-        } else if !replaced.iter().any(|option| text.starts_with(&format!("{option}="))) {
-            arguments.push(argument);
-        }
-    }
-    Command::new(std::env::current_exe()?)
-        .args(arguments)
-        .arg(format!("--seed={seed}"))
-        .arg(format!("--out={}", out.join(format!("seed-{seed}")).display()))
-        .arg("--with-launcher")
-        .stdin(Stdio::piped())
-        // Ctrl-C in a terminal reaches this process alone, which then tells each seed once.
-        .process_group(0)
-        .spawn()
 }

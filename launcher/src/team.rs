@@ -11,6 +11,8 @@ use proto::stream::stream;
 use proto::{exit, Mode, Observe};
 use store::RunFolder;
 
+use crate::state;
+
 /// All agents of a run at their latest common checkpoint, and its world.
 pub struct Team {
     pub config: Config,
@@ -29,6 +31,7 @@ impl Team {
         let folder = RunFolder::open(run)?;
         let config = Config::from_toml(folder.config_toml())?;
         config.validate()?;
+        state::check_unchanged(&folder, &config)?;
         let task = env_server::task(&config, folder.path())?;
         let names: Vec<String> = (0..config.world.agents).map(|id| format!("agent-{id}")).collect();
         let here = folder.roles()?;

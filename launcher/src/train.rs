@@ -5,15 +5,16 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use process::Failure;
-use proto::config::Config;
+use proto::config::{Config, MAY_CHANGE};
 use proto::exit;
 use store::RunFolder;
 
 use crate::display::Show;
 use crate::drive::{drive, Options, Place};
-use crate::experiment::Experiment;
+use crate::experiment::{overridden, Experiment};
 use crate::roles::{Ended, Transport};
-use crate::sweep;
+use crate::state;
+use crate::sweep::{self, Part};
 
 /// Where runs go without `--out`.
 const RUNS: &str = "runs";
@@ -35,7 +36,7 @@ pub struct Running {
     /// Show nothing but the summary
     #[arg(long)]
     pub quiet: bool,
-    /// End when stdin closes, and show plain lines: set by a sweep, which holds the other end
+    /// Save and end when stdin closes, and show plain lines: set by a sweep, which holds the other end
     #[arg(long, hide = true)]
     pub with_launcher: bool,
 }
@@ -46,10 +47,9 @@ impl Running {
     /// # Errors
     /// If this build cannot compute on the device.
     fn options(&self, teams: u32) -> Result<Options, Failure> {
-        if self.with_launcher {
-            process::leave_with_launcher();
-        }
         Ok(Options {
+            start_over: false,
+            with_launcher: self.with_launcher,
             device: self.device.check()?,
             place: if self.in_process { Place::InProcess } else { Place::Processes(self.transport) },
             wait: Duration::from_secs(self.wait),
@@ -70,9 +70,12 @@ pub struct Train {
     pub experiment: Experiment,
     #[command(flatten)]
     pub running: Running,
-    /// Folder for the run; it must not exist yet
+    /// Folder for the run. One that holds an unfinished run of the same configuration is continued
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Start anew under a new name, even where a run of the same configuration exists
+    #[arg(long)]
+    pub fresh: bool,
     /// Train this many seeds, from `--seed` on, each in its own folder below `--out`
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seeds: u32,
@@ -84,47 +87,156 @@ pub struct Train {
 impl Train {
     pub fn run(&self) -> Result<ExitCode, Failure> {
         if self.seeds == 0 || self.jobs == 0 {
-            return Err(Failure::new(exit::USAGE, "`--seeds` and `--jobs` are counted from 1"));
+            return Err(Failure::new(exit::USAGE, "`--seeds` and `--jobs` must be at least 1"));
         }
         let options = self.running.options(self.jobs)?;
         let algo = &self.experiment.algo;
+        // Mistakes are found before anything starts, and the names need the task's canonical spelling.
+        let config = self.experiment.configure("check")?;
         if self.seeds > 1 {
-            // Mistakes are found before the first seed starts.
-            let config = self.experiment.configure("check")?;
-            let out = self.out.clone().unwrap_or_else(|| fresh(&format!("{}-{algo}", config.world.task)));
-            let first = self.experiment.seed;
-            let seeds: Vec<u64> = (0..self.seeds).map(|k| first.wrapping_add(k.into())).collect();
-            return sweep::run(&seeds, self.jobs as usize, &out);
+            let out =
+                self.choose(&format!("{}-{algo}", config.world.task), |out| self.no_other_seeds(out))?;
+            let seeds = (0..self.seeds).map(|k| config.seed.wrapping_add(k.into()));
+            let parts = seeds.map(|seed| Part::train(seed, &out)).collect();
+            return sweep::run(parts, self.jobs as usize);
         }
-        // The name needs the task's canonical spelling.
-        let config = self.experiment.configure("run")?;
         let name = format!("{}-{algo}-seed-{}", config.world.task, config.seed);
-        let out = self.out.clone().unwrap_or_else(|| fresh(&name));
+        let out = self.choose(&name, |out| self.is_this_run(out, &self.experiment))?;
         let config = self.experiment.configure(&run_name(&out))?;
         process::start_logs(None);
-        let folder = RunFolder::create(&out, &config.to_toml())?;
+        let folder = if state::is_run(&out) {
+            let folder = RunFolder::open(&out)?;
+            state::check_unchanged(&folder, &config)?;
+            if let Some(finished) = state::finished(&folder, &config)? {
+                println!("{finished}\nhint: `--fresh` trains another team");
+                return Ok(ExitCode::from(exit::DONE));
+            }
+            eprintln!("continuing the run in {}", out.display());
+            folder
+        } else {
+            RunFolder::create(&out, &config.to_toml())?
+        };
         self.experiment.furnish(&folder)?;
         finish(&folder, &config, options)
     }
+
+    /// The folder to train in: `--out`, or one below `runs`. `fits` refuses a folder that another configuration uses.
+    fn choose(&self, name: &str, fits: impl Fn(&Path) -> Result<(), Failure>) -> Result<PathBuf, Failure> {
+        let wanted = self.out.clone().unwrap_or_else(|| Path::new(RUNS).join(name));
+        let numbered = |n: u32| {
+            let mut name = wanted.clone().into_os_string();
+            name.push(format!("-{n}"));
+            PathBuf::from(name)
+        };
+        let mut candidates = std::iter::once(wanted.clone()).chain((2..).map(numbered));
+        if self.fresh {
+            return Ok(candidates.find(|path| !path.exists()).expect("there are enough numbers"));
+        }
+        if self.out.is_some() {
+            return fits(&wanted).map(|()| wanted);
+        }
+        Ok(candidates.find(|path| fits(path).is_ok()).expect("there are enough numbers"))
+    }
+
+    /// Whether a folder is new, or that of a run with this configuration.
+    fn is_this_run(&self, out: &Path, experiment: &Experiment) -> Result<(), Failure> {
+        if !state::is_run(out) {
+            return state::is_vacant(out);
+        }
+        let there = Config::from_toml(RunFolder::open(out)?.config_toml());
+        let config = experiment.configure(&run_name(out))?;
+        let what = match there.map(|there| config.differences(&there)) {
+            Err(error) => format!("it cannot be read: {error}"),
+            Ok(differences) => match differences.first() {
+                None => return Ok(()),
+                Some(difference) => difference.to_string(),
+            },
+        };
+        let out = out.display();
+        let text = format!(
+            "{out} holds a run with another configuration: {what}\nhint: `rondo resume {out}` continues that run; \
+             `--fresh` or another `--out` starts a new one"
+        );
+        Err(Failure::new(exit::CONFIG, text))
+    }
+
+    /// Whether all seeds that are in a folder of seeds are of this experiment.
+    fn no_other_seeds(&self, out: &Path) -> Result<(), Failure> {
+        if state::is_run(out) {
+            let text =
+                format!("{} is the folder of one run, not of seeds; choose another `--out`", out.display());
+            return Err(Failure::new(exit::CONFIG, text));
+        }
+        for (seed, folder) in state::seeds(out)? {
+            let experiment = Experiment { seed, ..self.experiment.clone() };
+            self.is_this_run(&folder, &experiment)?;
+        }
+        Ok(())
+    }
 }
 
-/// Go on with a run
+/// Go on with a run, or with every seed below a folder
 #[derive(Debug, Clone, clap::Args)]
 pub struct Resume {
-    /// The run folder
+    /// The run folder, or a folder of seeds
     pub run: PathBuf,
+    /// Train longer: environment steps in all
+    #[arg(long, value_name = "N")]
+    pub t_max: Option<u64>,
+    /// Change a key that may change in a run: save.interval, log.interval or bus.low_latency
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub settings: Vec<String>,
+    /// Start from the beginning where not every role holds a checkpoint of the same round; the old checkpoints and
+    /// rows are set aside
+    #[arg(long)]
+    pub start_over: bool,
     #[command(flatten)]
     pub running: Running,
 }
 
 impl Resume {
     pub fn run(&self) -> Result<ExitCode, Failure> {
-        let options = self.running.options(1)?;
-        let folder = RunFolder::open(&self.run)?;
-        let config = Config::from_toml(folder.config_toml())?;
-        config.validate()?;
+        let options = Options { start_over: self.start_over, ..self.running.options(1)? };
+        if !state::is_run(&self.run) {
+            let parts: Vec<Part> = state::seeds(&self.run)?
+                .into_iter()
+                .map(|(seed, folder)| Part::resume(seed, &folder))
+                .collect();
+            if !parts.is_empty() {
+                return sweep::run(parts, 1);
+            }
+        }
+        let mut folder = RunFolder::open(&self.run)?;
+        let before = Config::from_toml(folder.config_toml())?;
+        before.validate()?;
+        state::check_unchanged(&folder, &before)?;
+        let config = self.changed(&before)?;
+        if let Some(finished) = state::finished(&folder, &config)? {
+            let run = self.run.display();
+            println!("{finished}\nhint: `rondo resume {run} --t-max N` trains longer");
+            return Ok(ExitCode::from(exit::DONE));
+        }
+        if config != before {
+            folder.replace_config(&config.to_toml())?;
+        }
         process::start_logs(None);
         finish(&folder, &config, options)
+    }
+
+    /// The configuration with what this command changes.
+    fn changed(&self, before: &Config) -> Result<Config, Failure> {
+        let mut config = overridden(before.clone(), &self.settings)?;
+        config.t_max = self.t_max.unwrap_or(config.t_max);
+        config.validate()?;
+        if let Some(difference) = config.first_difference(before) {
+            let text = format!(
+                "a run cannot go on with this change: {difference}\nhint: what may change is {} (`t_max` only \
+                 upwards); train a new run for anything else",
+                MAY_CHANGE.join(", ")
+            );
+            return Err(Failure::new(exit::CONFIG, text));
+        }
+        Ok(config)
     }
 }
 
@@ -151,17 +263,10 @@ fn finish(folder: &RunFolder, config: &Config, options: Options) -> Result<ExitC
     Ok(match ended {
         Ended::Finished => ExitCode::from(exit::DONE),
         Ended::Stopped => {
-            println!("stopped before its end; go on with `rondo resume {}`", folder.path().display());
+            println!("stopped early; continue with `rondo resume {}`", folder.path().display());
             ExitCode::from(exit::AGAIN)
         }
     })
-}
-
-/// A folder below `runs` that does not exist yet.
-fn fresh(name: &str) -> PathBuf {
-    let first = Path::new(RUNS).join(name);
-    let later = (2..).map(|n| Path::new(RUNS).join(format!("{name}-{n}")));
-    std::iter::once(first).chain(later).find(|path| !path.exists()).expect("there are enough numbers")
 }
 
 /// The name of a run: that of its folder, in the characters that keys may have.

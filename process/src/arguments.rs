@@ -28,7 +28,7 @@ pub struct Common {
     /// Write down everything this role sends and declares on the bus, as JSON lines
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
-    /// End at once when stdin closes: set by the launcher, which holds the other end
+    /// Save and leave when stdin closes: set by the launcher, which holds the other end
     #[arg(long, hide = true)]
     pub with_launcher: bool,
 }
@@ -40,7 +40,7 @@ impl Common {
     /// Whatever is wrong with one of them.
     pub fn open(&self, role: &str, listen: Vec<String>, connect: Vec<String>) -> Result<Role, Failure> {
         if self.with_launcher {
-            watch::leave_with_launcher();
+            watch::follow_launcher(role == "world");
         }
         let text = std::fs::read_to_string(&self.config).map_err(|error| {
             let hint = "hint: `rondo config TASK` writes a configuration";
@@ -67,6 +67,10 @@ impl Common {
             println!("{} {endpoint}", watch::LISTENING);
         }
         let role = Role::new(bus, config, folder, wait)?;
+        if self.with_launcher {
+            // Fails only where one process opens two roles, and the launcher starts one in each.
+            let _ = watch::INBOX.set(role.inbox.clone());
+        }
         watch::stop_on_signals(role.inbox.clone())?;
         Ok(role)
     }

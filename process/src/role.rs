@@ -33,7 +33,8 @@ impl Role {
     /// With an empty inbox.
     ///
     /// # Errors
-    /// If the configuration's run name cannot be part of a key.
+    /// If the configuration's run name cannot be part of a key, or the role's checkpoints were made with another
+    /// configuration.
     pub fn new(
         bus: Arc<dyn Bus>,
         config: Config,
@@ -41,12 +42,46 @@ impl Role {
         wait: Duration,
     ) -> Result<Self, Failure> {
         let keys = Keys::new(&config.run).map_err(|error| Failure::new(exit::CONFIG, error))?;
+        if let Some(text) = folder.config_toml()? {
+            check_unchanged(&config, &text).map_err(|what| {
+                let text = format!(
+                    "{} holds checkpoints of another configuration: {what}\nhint: start with the run's own \
+                     config.toml; `rondo resume RUN --set KEY=VALUE` changes what may change",
+                    folder.path().display()
+                );
+                Failure::new(exit::CONFIG, text)
+            })?;
+        }
         let (inbox, events) = bus::inbox();
         Ok(Self { config, keys, folder, bus, wait, inbox, events })
+    }
+
+    /// Sets the role's old state aside, if it has any, and logs where to. Called for a run that starts from the
+    /// beginning: another process has decided that, so nothing is deleted.
+    ///
+    /// # Errors
+    /// What the disk says.
+    pub fn set_aside(&self) -> Result<(), Failure> {
+        if let Some(folder) = self.folder.set_aside()? {
+            tracing::warn!(folder = %folder.display(), "the run starts from the beginning; old state is set aside");
+        }
+        Ok(())
     }
 
     /// For its result.json: key, messages and payload bytes of everything that it sent.
     pub fn traffic(&self) -> Vec<(String, u64, u64)> {
         self.bus.traffic().into_iter().map(|sent| (sent.key, sent.messages, sent.bytes)).collect()
+    }
+}
+
+/// Compares a configuration with the one that checkpoints were made with.
+///
+/// # Errors
+/// The first key that differs and decides what is learned, or why the old configuration cannot be read.
+pub fn check_unchanged(config: &Config, made_with: &str) -> Result<(), String> {
+    let before = Config::from_toml(made_with).map_err(|error| format!("it cannot be read: {error}"))?;
+    match config.first_difference(&before) {
+        Some(difference) => Err(difference.to_string()),
+        None => Ok(()),
     }
 }

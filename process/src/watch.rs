@@ -1,42 +1,85 @@
-//! Watching for the signals and for the launcher's death.
+//! How a role learns that it must leave: by a signal, or through stdin, whose other end the launcher holds.
 
 use std::io::Read;
+use std::sync::OnceLock;
 use std::thread;
+use std::time::Duration;
 
 use bus::{Event, Inbox};
 use proto::exit;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 
+use crate::signals::{on_stop_request, StopRequest};
 use crate::Failure;
 
 /// What a listening role prints on stdout, followed by a space and the endpoint, when it can be dialled.
 pub const LISTENING: &str = "listening";
 
-/// Turns SIGINT, SIGTERM and SIGHUP into [`Event::Stop`]: the role saves and leaves.
+/// What the launcher writes to a role's stdin to make it save the last complete round and leave now.
+pub const LEAVE_NOW: &[u8] = b"leave now\n";
+
+/// When the launcher is gone, the env-server has this long to end the round for the whole team. Then every role
+/// saves the last round that it has completed.
+const TO_END_THE_ROUND: Duration = Duration::from_secs(1);
+
+/// A role that has not left by then is stuck.
+const TO_SAVE: Duration = Duration::from_secs(10);
+
+/// Turns signals into [`Event::Stop`]: the first ends the run after the round, the next ends this role now.
 ///
 /// # Errors
 /// If the system refuses the handler.
 pub(crate) fn stop_on_signals(inbox: Inbox) -> Result<(), Failure> {
-    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])
-        .map_err(|error| Failure::new(exit::BUG, format!("cannot watch for signals: {error}")))?;
-    thread::spawn(move || {
-        for signal in signals.forever() {
-            tracing::info!(signal, "asked to stop");
-            // A role that has left needs no telling.
-            let _ = inbox.send(Event::Stop);
-        }
-    });
-    Ok(())
+    on_stop_request(move |request| match request {
+        // A role that has left needs no event.
+        StopRequest::AfterThisRound | StopRequest::Now => drop(inbox.send(Event::Stop)),
+        StopRequest::Abort => leave(),
+    })
 }
 
-/// Ends this process as soon as stdin closes. The launcher holds the other end of the pipe, so however it
-/// dies, SIGKILL included, none of its children outlives it.
-pub fn leave_with_launcher() {
-    thread::spawn(|| {
-        let mut byte = [0; 64];
-        while matches!(std::io::stdin().read(&mut byte), Ok(n) if n > 0) {}
-        tracing::warn!("the launcher is gone");
-        std::process::exit(exit::AGAIN.into());
+/// Where [`follow_launcher`] sends events. Empty until the role has an inbox.
+pub(crate) static INBOX: OnceLock<Inbox> = OnceLock::new();
+
+/// Follows the launcher through stdin. [`LEAVE_NOW`] makes the role save and leave. When stdin closes, the launcher
+/// is gone, however it ended: `ends_rounds` (the env-server) then closes the run after the round, the others follow
+/// it or leave soon after. A role that does not have a seat yet leaves at once: it has nothing to save.
+pub(crate) fn follow_launcher(ends_rounds: bool) {
+    thread::spawn(move || {
+        let mut line = [0; LEAVE_NOW.len()];
+        while matches!(std::io::stdin().read(&mut line), Ok(n) if n > 0) {
+            match INBOX.get() {
+                Some(inbox) => stop_now(inbox),
+                None => leave(),
+            }
+        }
+        // Not a warning: those go to stderr, whose other end the launcher held too.
+        tracing::info!("the launcher has ended");
+        let Some(inbox) = INBOX.get() else { leave() };
+        if ends_rounds {
+            let _ = inbox.send(Event::Stop);
+        }
+        thread::sleep(TO_END_THE_ROUND);
+        stop_now(inbox);
+        thread::sleep(TO_SAVE);
+        leave();
+    });
+}
+
+/// The env-server takes the first [`Event::Stop`] for the end of the round, the second for now.
+fn stop_now(inbox: &Inbox) {
+    for _ in 0..2 {
+        let _ = inbox.send(Event::Stop);
+    }
+}
+
+fn leave() -> ! {
+    std::process::exit(exit::AGAIN.into());
+}
+
+/// Calls `act` once stdin closes: the process that started this one is gone.
+pub fn when_stdin_closes(act: impl FnOnce() + Send + 'static) {
+    thread::spawn(move || {
+        let mut bytes = [0; 64];
+        while matches!(std::io::stdin().read(&mut bytes), Ok(n) if n > 0) {}
+        act();
     });
 }

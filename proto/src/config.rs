@@ -5,11 +5,13 @@
 //! [`crate::presets`], and keys that do not exist are errors, because a misspelt key that is silently ignored is a
 //! known way to publish wrong results (spec §11).
 
+mod difference;
 pub mod limits;
 mod parse;
 mod period;
 mod validate;
 
+pub use difference::{Difference, MAY_CHANGE};
 pub use parse::ConfigError;
 pub use period::{Period, PeriodError};
 

@@ -45,7 +45,7 @@ fn observe() -> Observe {
     }
 }
 
-fn refusals() -> [(&'static str, Refusal); 6] {
+fn refusals() -> [(&'static str, Refusal); 7] {
     [
         ("welcome-version", Refusal::Version { ours: 2, theirs: 1 }),
         ("welcome-config", Refusal::Config { ours: [0xaa; 32], theirs: [0xbb; 32] }),
@@ -53,6 +53,7 @@ fn refusals() -> [(&'static str, Refusal); 6] {
         ("welcome-id-out-of-range", Refusal::IdOutOfRange { id: 3, agents: 3 }),
         ("welcome-malformed", Refusal::malformed("why")),
         ("welcome-closing", Refusal::Closing),
+        ("welcome-no-common-round", Refusal::no_common_round("why")),
     ]
 }
 

@@ -270,6 +270,7 @@ fn welcome() -> impl Strategy<Value = Welcome> {
         any::<(u32, u32)>().prop_map(|(id, agents)| Refusal::IdOutOfRange { id, agents }),
         ".{0,40}".prop_map(Refusal::malformed),
         Just(Refusal::Closing),
+        ".{0,40}".prop_map(|text| Refusal::no_common_round(&text)),
     ];
     prop_oneof![seat.prop_map(Welcome::Seat), refusal.prop_map(Welcome::Refused)]
 }

@@ -109,6 +109,11 @@ impl Checkpoints {
         self.remove_leftovers()
     }
 
+    /// Whether any round has a folder, damaged or not.
+    pub(crate) fn exist(&self) -> Result<bool, Error> {
+        Ok(!self.listed()?.is_empty())
+    }
+
     /// The rounds that can be loaded, ascending. Every digest is checked; a damaged checkpoint is
     /// logged as a warning and left out.
     pub fn rounds(&self) -> Result<Vec<u64>, Error> {

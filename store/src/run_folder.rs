@@ -14,6 +14,11 @@ use crate::{files, Error};
 
 const CONFIG: &str = "config.toml";
 const RESULT: &str = "result.json";
+const EPOCH: &str = "epoch";
+const LOG: &str = "log.jsonl";
+
+/// How the folders start into which a role's old state is moved.
+const SET_ASIDE: &str = "set-aside-";
 
 /// A folder that holds a run's `config.toml`.
 #[derive(Debug, Clone)]
@@ -31,7 +36,7 @@ impl RunFolder {
     /// [`Error::Exists`] if anything is in the folder, also if another process is quicker.
     pub fn create(path: impl AsRef<Path>, config_toml: &str) -> Result<Self, Error> {
         let path = path.as_ref();
-        if is_vacant(path)? && files::place(&path.join(CONFIG), config_toml.as_bytes())? {
+        if is_vacant(path, |_| false)? && files::place(&path.join(CONFIG), config_toml.as_bytes())? {
             return Ok(Self { path: path.to_owned(), config_toml: config_toml.to_owned() });
         }
         Err(Error::Exists { path: path.to_owned() })
@@ -59,8 +64,8 @@ impl RunFolder {
     /// holds something, but no run.
     pub fn create_or_open(path: impl AsRef<Path>, config_toml: &str) -> Result<Self, Error> {
         let path = path.as_ref();
-        // Roles put nothing in before config.toml is there, so what is found without one is foreign.
-        if is_vacant(path)? {
+        // The folder of a role may be there before: a role of another make, or a person, created it.
+        if is_vacant(path, |name| role_order(name).is_some())? {
             files::place(&path.join(CONFIG), config_toml.as_bytes())?;
         }
         let run = Self::open(path)?;
@@ -68,7 +73,15 @@ impl RunFolder {
         Ok(run)
     }
 
-    /// The resolved configuration, as it was given when the run was created.
+    /// Replaces the configuration, for a run that goes on with a larger budget, for instance. Whether the change is
+    /// one that a run may make is the caller's question.
+    pub fn replace_config(&mut self, config_toml: &str) -> Result<(), Error> {
+        files::replace(&self.path.join(CONFIG), config_toml.as_bytes())?;
+        config_toml.clone_into(&mut self.config_toml);
+        Ok(())
+    }
+
+    /// The resolved configuration of the run.
     pub fn config_toml(&self) -> &str {
         &self.config_toml
     }
@@ -187,6 +200,62 @@ impl RoleFolder {
         Episodes::open(self.path.join("replay"), position)
     }
 
+    /// The configuration that this role was last given a seat with; none before its first seat.
+    pub fn config_toml(&self) -> Result<Option<String>, Error> {
+        let path = self.path.join(CONFIG);
+        match fs::read_to_string(&path) {
+            Ok(text) => Ok(Some(text)),
+            Err(error) if is_absence(&error) => Ok(None),
+            Err(error) => Err(Error::io("read", &path)(error)),
+        }
+    }
+
+    /// Notes the configuration that this role's checkpoints are made with.
+    pub fn keep_config(&self, config_toml: &str) -> Result<(), Error> {
+        if self.config_toml()?.as_deref() == Some(config_toml) {
+            return Ok(());
+        }
+        files::replace(&self.path.join(CONFIG), config_toml.as_bytes()).map(|_| ())
+    }
+
+    /// The rounds that this role can start from, ascending: those of its checkpoints, and 0 if it had a seat
+    /// before. A folder in which this run never began holds none.
+    pub fn held_rounds(&self) -> Result<Vec<u64>, Error> {
+        let began = self.config_toml()?.map(|_| 0);
+        Ok(began.into_iter().chain(self.checkpoints().rounds()?).collect())
+    }
+
+    /// Moves checkpoints, metric rows and whatever else the role has written, except its log, into a new folder
+    /// below its own, and returns that folder; none if there are no checkpoints. Nothing is deleted.
+    pub fn set_aside(&self) -> Result<Option<PathBuf>, Error> {
+        if !self.checkpoints().exist()? {
+            return Ok(None);
+        }
+        let aside = (1u32..).map(|n| self.path.join(format!("{SET_ASIDE}{n}"))).find(|path| !path.exists());
+        let aside = aside.expect("there are enough numbers");
+        files::ensure_folder(&aside)?;
+        for name in files::names(&self.path)? {
+            if name.starts_with(SET_ASIDE) || [LOG, EPOCH].contains(&name.as_str()) {
+                continue;
+            }
+            let path = self.path.join(&name);
+            fs::rename(&path, aside.join(&name))
+                .map_err(Error::io("move to a folder for old state", &path))?;
+        }
+        files::sync_folder(&self.path)?;
+        Ok(Some(aside))
+    }
+
+    /// A number that no earlier start of this role has had, and at least `least`.
+    pub fn next_epoch(&self, least: u32) -> Result<u32, Error> {
+        let path = self.path.join(EPOCH);
+        // A damaged file counts as none: the number of the checkpoint is the least one then.
+        let last = fs::read_to_string(&path).ok().and_then(|text| text.trim().parse::<u32>().ok());
+        let epoch = last.map_or(0, |last| last.wrapping_add(1)).max(least);
+        files::replace(&path, format!("{epoch}\n").as_bytes())?;
+        Ok(epoch)
+    }
+
     /// Writes the role's `result.json` in one step.
     pub fn write_result(&self, result: &impl Serialize) -> Result<(), Error> {
         write_json(&self.path.join(RESULT), result)
@@ -194,7 +263,7 @@ impl RoleFolder {
 
     /// `log.jsonl`, open for appending.
     pub fn log_file(&self) -> Result<File, Error> {
-        let path = self.path.join("log.jsonl");
+        let path = self.path.join(LOG);
         OpenOptions::new().create(true).append(true).open(&path).map_err(Error::io("open", &path))
     }
 
@@ -217,11 +286,11 @@ fn role_order(name: &str) -> Option<(u8, u32)> {
     }
 }
 
-/// Creates the folder if it is missing. If nothing but unfinished files of other processes is in
-/// it, closes it to other users and says `true`; what others have put somewhere stays as it is.
-fn is_vacant(path: &Path) -> Result<bool, Error> {
+/// Creates the folder if it is missing. If nothing is in it but unfinished files of other processes and
+/// what is `welcome`, closes it to other users and returns `true`; a folder with other things stays as it is.
+fn is_vacant(path: &Path, welcome: impl Fn(&str) -> bool) -> Result<bool, Error> {
     files::ensure_folder(path)?;
-    if files::names(path)?.iter().any(|name| !name.starts_with(files::WRITING)) {
+    if files::names(path)?.iter().any(|name| !name.starts_with(files::WRITING) && !welcome(name)) {
         return Ok(false);
     }
     match fs::set_permissions(path, Permissions::from_mode(0o700)) {
@@ -252,6 +321,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::Checkpoint;
 
     const CONFIG_TOML: &str = "name = \"a\"\n\n[world]\ntask = \"lbf\"\n";
 
@@ -362,6 +432,58 @@ mod tests {
             assert!(matches!(error, Error::OtherConfig { line: 1, .. }), "{error}");
         }
         assert_eq!(files::names(&path).unwrap().len(), 2);
+    }
+
+    #[test]
+    fn a_role_may_have_its_folder_before_the_run_has_its_configuration() {
+        let tmp = tempfile::tempdir().unwrap();
+        fs::create_dir(tmp.path().join("agent-1")).unwrap();
+        let run = RunFolder::create_or_open(tmp.path(), CONFIG_TOML).unwrap();
+        assert_eq!(run.config_toml(), CONFIG_TOML);
+        fs::remove_file(tmp.path().join("config.toml")).unwrap();
+        fs::write(tmp.path().join("thesis.tex"), "").unwrap();
+        let error = RunFolder::create_or_open(tmp.path(), CONFIG_TOML).unwrap_err();
+        assert!(matches!(error, Error::NotARun { .. }), "{error}");
+    }
+
+    #[test]
+    fn the_beginning_is_held_once_a_role_has_had_a_seat() {
+        let tmp = tempfile::tempdir().unwrap();
+        let role = RunFolder::create(tmp.path(), CONFIG_TOML).unwrap().role("agent-0").unwrap();
+        assert_eq!(role.held_rounds().unwrap(), [0; 0]);
+        role.keep_config(CONFIG_TOML).unwrap();
+        assert_eq!(role.held_rounds().unwrap(), [0]);
+        role.checkpoints().save(&Checkpoint { round: 7, state: vec![], tensors: vec![] }).unwrap();
+        assert_eq!(role.held_rounds().unwrap(), [0, 7]);
+        assert_eq!(role.config_toml().unwrap().as_deref(), Some(CONFIG_TOML));
+    }
+
+    #[test]
+    fn old_state_is_set_aside_whole_and_nothing_is_deleted() {
+        let tmp = tempfile::tempdir().unwrap();
+        let role = RunFolder::create(tmp.path(), CONFIG_TOML).unwrap().role("agent-0").unwrap();
+        assert_eq!(role.set_aside().unwrap(), None);
+        for n in 1..=2 {
+            role.keep_config(CONFIG_TOML).unwrap();
+            role.checkpoints().save(&Checkpoint { round: 7, state: vec![n], tensors: vec![] }).unwrap();
+            fs::write(role.metrics_path(), "{}\n").unwrap();
+            fs::write(role.path().join("log.jsonl"), "").unwrap();
+            let aside = role.path().join(format!("set-aside-{n}"));
+            assert_eq!(role.set_aside().unwrap(), Some(aside.clone()));
+            assert_eq!(files::names(&aside).unwrap(), ["checkpoints", "config.toml", "metrics.jsonl"]);
+            assert_eq!(role.held_rounds().unwrap(), [0; 0]);
+        }
+        assert_eq!(files::names(role.path()).unwrap(), ["log.jsonl", "set-aside-1", "set-aside-2"]);
+    }
+
+    #[test]
+    fn every_start_has_an_epoch_of_its_own() {
+        let tmp = tempfile::tempdir().unwrap();
+        let role = RunFolder::create(tmp.path(), CONFIG_TOML).unwrap().role("world").unwrap();
+        assert_eq!(role.next_epoch(0).unwrap(), 0);
+        assert_eq!(role.next_epoch(0).unwrap(), 1);
+        assert_eq!(role.next_epoch(7).unwrap(), 7);
+        assert_eq!(role.next_epoch(0).unwrap(), 8);
     }
 
     #[test]

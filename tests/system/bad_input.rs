@@ -72,7 +72,7 @@ fn numbers_that_cannot_be_are_refused_with_what_was_expected() {
         refused(&words).fails_with(78, parts);
     }
     refused(&["train", "--t-max=many"]).fails_with(64, &["'many'", "--t-max <N>"]);
-    refused(&["train", "--seeds=0"]).fails_with(64, &["`--seeds` and `--jobs` are counted from 1"]);
+    refused(&["train", "--seeds=0"]).fails_with(64, &["`--seeds` and `--jobs` must be at least 1"]);
 }
 
 #[test]
@@ -99,7 +99,7 @@ fn a_folder_that_exists_is_left_alone() {
     cluster.train("results", short(), NOTHING).wait().fails_with(
         78,
         &[
-            &format!("error: `{path}` exists and is not empty, a new run needs a folder of its own"),
+            &format!("error: {path} holds something else than a run, a new run needs a folder of its own"),
             "choose another folder with --out",
         ],
     );
@@ -260,7 +260,10 @@ fn an_agent_that_leaves_before_the_run_begins_is_named() {
     leaves.signal(nix::sys::signal::Signal::SIGKILL);
     leaves.wait();
     let stays = hosts.start_agent(1, &[]);
-    world.wait().fails_with(75, &["error: of run `run` agents did not join within 6s: 0 (here: 1)"]);
+    world.wait().fails_with(
+        75,
+        &["error: agents 0 of run `run` joined, but did not announce themselves within 6s (here: 1)"],
+    );
     // The one that stayed had a seat, and is told by the env-server's end that there is no run.
     let ended = stays.wait();
     ended.fails_with(75, &["error: agent 1 is alone: the env-server has left run `run` in round 0"]);
@@ -280,7 +283,7 @@ fn an_agent_that_leaves_is_named_by_the_env_server() {
     let [world, coordinator] = servers;
     world.wait().fails_with(
         75,
-        &["error: agent 1 has left the run and did not come back within 5s", "`rondo resume` goes on"],
+        &["error: agent 1 has left the run and did not come back within 5s", "start the same commands again"],
     );
     // The one that stayed was told, saved and left.
     assert_eq!(stays.wait().code, Some(75));

@@ -91,8 +91,13 @@ impl Cluster {
 
     /// Starts `rondo resume` on run folder `run`.
     pub fn resume(&self, run: &str) -> Process {
+        self.resume_with(run, [""; 0])
+    }
+
+    /// Starts `rondo resume` with further arguments.
+    pub fn resume_with<W: AsRef<OsStr>>(&self, run: &str, more: impl IntoIterator<Item = W>) -> Process {
         let mut command = rondo();
-        command.arg("resume").arg(self.path(run)).arg("--quiet");
+        command.arg("resume").arg(self.path(run)).arg("--quiet").args(more);
         Process::start(command)
     }
 

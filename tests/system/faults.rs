@@ -29,8 +29,9 @@ fn running(cluster: &Cluster, experiment: Vec<String>) -> (Process, Vec<Member>)
 /// child may live.
 #[track_caller]
 fn ends_in_time(training: Process, children: &[Member], before: Instant) -> Ended {
-    let ended = training.wait();
+    // Before `wait`, which leaves no process of a test behind.
     wait_until("the children to be gone", || !children.iter().any(Member::is_alive));
+    let ended = training.wait();
     assert!(before.elapsed() < NO_ORPHAN_AFTER, "{:?}", before.elapsed());
     ended
 }
@@ -83,18 +84,48 @@ fn a_role_that_hangs_does_not_keep_the_launcher_from_leaving() {
     let (mut training, children) = running(&cluster, endless());
     let hanging = training.child("agent-0");
     hanging.signal(Signal::SIGSTOP);
-    // The first asks for a round edge, which does not come without agent 0.
+    // The first asks for the end of the round, which does not come without agent 0.
+    let first = Instant::now();
     training.signal(Signal::SIGINT);
-    wait_until("an answer", || training.stderr().contains("stopping at the next round edge"));
-    // The second asks everybody to leave at once; who hangs does not hear it.
+    wait_until("an answer", || training.stderr().contains("stopping after this round"));
+    // The second, within a second, is the same request, and does not keep anybody from saving.
     training.signal(Signal::SIGINT);
-    wait_until("the others to leave", || children.iter().all(|child| *child == hanging || !child.is_alive()));
-    assert!(hanging.is_alive() && training.is_alive());
-    // The third does not ask.
+    wait_until("a second to pass", || first.elapsed() > Duration::from_millis(1_100));
+    assert!(training.is_alive() && children.iter().all(Member::is_alive));
+    // The third comes later and waits for nothing.
     let before = Instant::now();
     training.signal(Signal::SIGINT);
     let ended = ends_in_time(training, &children, before);
     assert_eq!(ended.code, Some(75), "{ended:#?}");
+}
+
+#[test]
+fn every_signal_that_asks_for_an_end_saves_the_team() {
+    for signal in [Signal::SIGHUP, Signal::SIGINT, Signal::SIGTERM, Signal::SIGUSR1, Signal::SIGUSR2] {
+        let cluster = Cluster::new();
+        let (training, children) = running(&cluster, endless());
+        let before = Instant::now();
+        training.signal(signal);
+        let ended = ends_in_time(training, &children, before);
+        assert_eq!(ended.code, Some(75), "{signal}: {ended:#?}");
+        assert!(!cluster.run("run").checkpoints("agent-0").is_empty(), "{signal}: the agents have saved");
+    }
+}
+
+#[test]
+fn a_team_saves_when_its_launcher_is_killed() {
+    let cluster = Cluster::new();
+    // No checkpoint is due before the end.
+    let mut words = endless();
+    words.push("--set=save.interval=1000000".to_owned());
+    let (training, children) = running(&cluster, words);
+    cluster.run("run").reaches(1_500);
+    let before = Instant::now();
+    training.signal(Signal::SIGKILL);
+    ends_in_time(training, &children, before);
+    for role in ["world", "agent-0", "agent-1"] {
+        assert!(!cluster.run("run").checkpoints(role).is_empty(), "{role}");
+    }
 }
 
 #[test]

@@ -183,3 +183,47 @@ fn asked(hosts: &Hosts) -> usize {
     let lines = ["agent-0", "agent-1"].map(|host| hosts.recorded(host)).concat();
     lines.iter().filter(|line| question(line)).count()
 }
+
+#[test]
+fn an_agent_with_another_folder_is_refused_and_nobody_loses_a_checkpoint() {
+    let hosts = Hosts::new(short());
+    let start = |more: &[&str]| {
+        let servers = [hosts.start_env_server(more), hosts.start_coordinator(&[])];
+        let agents = [hosts.start_agent(0, &[]), hosts.start_agent(1, &[])];
+        (servers, agents)
+    };
+    let ([world, coordinator], agents) = start(&[]);
+    wait_until("the first update calls", || progress(&hosts) > 5);
+    world.signal(Signal::SIGTERM);
+    for process in agents.into_iter().chain([world]) {
+        assert_eq!(process.wait().code, Some(75));
+    }
+    coordinator.succeeds();
+
+    // As a mistyped `--out`: agent 1 comes with a folder that holds nothing.
+    let right = hosts.folder("agent-1").with_file_name("right");
+    std::fs::rename(hosts.folder("agent-1"), &right).expect("renamed");
+    let rounds = |host: &str, role: &str| {
+        let names = std::fs::read_dir(hosts.folder(host).join(role).join("checkpoints")).expect("a folder");
+        names.map(|entry| entry.expect("a name").file_name()).collect::<Vec<_>>()
+    };
+    let before = [rounds("world", "world"), rounds("agent-0", "agent-0")];
+    let ([world, coordinator], agents) = start(&[]);
+    world.wait().fails_with(78, &["no checkpoint is held by every process (env-server: ", "agent 1: none)"]);
+    for agent in agents {
+        agent.wait().fails_with(78, &["was refused a seat: no checkpoint is held by every process"]);
+    }
+    coordinator.signal(Signal::SIGTERM);
+    assert_eq!(coordinator.wait().code, Some(75));
+    assert_eq!([rounds("world", "world"), rounds("agent-0", "agent-0")], before);
+
+    // On request the run starts from the beginning, and what was there is kept.
+    let ([world, coordinator], agents) = start(&["--start-over"]);
+    for process in agents.into_iter().chain([world, coordinator]) {
+        process.succeeds();
+    }
+    assert_eq!(hosts.merged_digest(), undisturbed());
+    for (host, role) in [("world", "world"), ("agent-0", "agent-0")] {
+        assert!(hosts.folder(host).join(role).join("set-aside-1/checkpoints").is_dir(), "{role}");
+    }
+}

@@ -19,6 +19,7 @@ mod playing;
 mod q_learning;
 mod replay;
 mod resume;
+mod same_command;
 mod seeds;
 mod strangers;
 mod worlds;

@@ -112,7 +112,7 @@ fn an_agent_goes_back_to_the_checkpoint_before_and_to_the_buffer_of_that_time() 
     assert_eq!(cluster.digest("run"), undisturbed());
 }
 
-/// All that a run counts on when it goes on: its configuration, and each role's checkpoints, rows and
+/// All that a run counts on when it goes on (every start has an epoch of its own): its configuration, and each role's checkpoints, rows and
 /// experience.
 fn kept(run: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
@@ -126,7 +126,9 @@ fn kept(run: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
                 if !["bus", "tensorboard"].contains(&name.as_str()) {
                     folders.push(path);
                 }
-            } else if !["log.jsonl", "result.json"].contains(&name.as_str()) && !name.starts_with('.') {
+            } else if !["log.jsonl", "result.json", "epoch"].contains(&name.as_str())
+                && !name.starts_with('.')
+            {
                 found.insert(path.clone(), fs::read(&path).expect("it can be read"));
             }
         }

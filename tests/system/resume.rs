@@ -28,7 +28,7 @@ fn an_interrupted_run_saves_says_how_to_go_on_and_comes_to_the_same_digest() {
     training.signal(Signal::SIGINT);
     let ended = training.wait();
     assert_eq!(ended.code, Some(75), "{ended:#?}");
-    let advice = format!("go on with `rondo resume {}`", cluster.path("run").display());
+    let advice = format!("stopped early; continue with `rondo resume {}`", cluster.path("run").display());
     assert!(ended.stdout.contains(&advice), "{ended:#?}");
 
     // Everybody saved the round edge at which they left.
@@ -156,7 +156,12 @@ fn killed_twice() {
 fn one_agent_holds_a_newer_checkpoint_than_the_others() {
     let cluster = Cluster::new();
     let run = cluster.run("run");
-    killed(&cluster, || run.checkpoints("world").len() == 2, "two checkpoints");
+    let two = |role: &str| run.checkpoints(role).len() == 2;
+    killed(
+        &cluster,
+        || ["world", "agent-0", "agent-1"].iter().all(|role| two(role)),
+        "two checkpoints of all",
+    );
     // As if agent 0 alone had come to its next save: agent 1 and the world have only the one before.
     for role in ["world", "agent-1"] {
         let rounds = run.checkpoints(role);
@@ -208,7 +213,10 @@ fn a_damaged_manifest_of_the_world_is_noticed_and_the_checkpoint_before_is_used(
 #[test]
 fn a_socket_that_is_still_held_is_waited_for_and_then_named() {
     let cluster = Cluster::new();
-    cluster.train("run", short(), ["--in-process"]).succeeds();
+    let training = cluster.train("run", short(), ["--in-process"]);
+    cluster.run("run").reaches(2_000);
+    training.signal(Signal::SIGTERM);
+    assert_eq!(training.wait().code, Some(75));
     let socket = cluster.path("run").join("bus").join("monitor.sock");
     fs::create_dir(cluster.path("run").join("bus")).expect("created");
     // As processes of the run do that have been killed and are not quite gone.

@@ -26,24 +26,30 @@ fn end_a_sweep_with(signal: Signal) -> (Cluster, Option<i32>) {
     assert_eq!(everybody.len(), 10, "two launchers with four roles each");
     let before = Instant::now();
     sweep.signal(signal);
-    let ended = sweep.wait();
+    // Before `wait`, which leaves no process of a test behind.
     wait_until("everybody to be gone", || !everybody.iter().any(Member::is_alive));
+    let ended = sweep.wait();
     assert!(before.elapsed() < Duration::from_secs(3), "{:?}", before.elapsed());
     (cluster, ended.code)
 }
 
 #[test]
 fn an_interrupted_sweep_saves_each_team_and_starts_no_other() {
-    let (cluster, code) = end_a_sweep_with(Signal::SIGINT);
-    assert_eq!(code, Some(75));
-    for seed in ["sweep/seed-1", "sweep/seed-2"] {
-        assert!(!cluster.run(seed).checkpoints("agent-0").is_empty(), "{seed} has saved");
+    for signal in [Signal::SIGINT, Signal::SIGHUP, Signal::SIGUSR1] {
+        let (cluster, code) = end_a_sweep_with(signal);
+        assert_eq!(code, Some(75), "{signal}");
+        for seed in ["sweep/seed-1", "sweep/seed-2"] {
+            assert!(!cluster.run(seed).checkpoints("agent-0").is_empty(), "{signal}: {seed} has saved");
+        }
+        assert!(!cluster.path("sweep/seed-3").exists());
     }
-    assert!(!cluster.path("sweep/seed-3").exists());
 }
 
 #[test]
-fn nobody_outlives_a_killed_sweep() {
-    let (_, code) = end_a_sweep_with(Signal::SIGKILL);
+fn nobody_outlives_a_killed_sweep_and_each_team_has_saved() {
+    let (cluster, code) = end_a_sweep_with(Signal::SIGKILL);
     assert_eq!(code, None);
+    for seed in ["sweep/seed-1", "sweep/seed-2"] {
+        assert!(!cluster.run(seed).checkpoints("agent-0").is_empty(), "{seed} has saved");
+    }
 }

@@ -302,6 +302,8 @@ fn one(experiment: &Experiment, place: Place) -> Result<Summary, Failure> {
         .map_err(|e| Failure::new(exit::IO, format!("cannot make a folder for the run: {e}")))?;
     let folder = RunFolder::create(place_of_run.path().join("run"), &config.to_toml())?;
     let options = Options {
+        start_over: false,
+        with_launcher: false,
         place,
         device: DeviceName::Cpu,
         wait: Duration::from_secs(60),

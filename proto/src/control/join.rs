@@ -16,7 +16,8 @@ pub struct Join {
     pub config_digest: [u8; 32],
     /// Drawn anew by each process: tells asking again from a second process with the same id.
     pub nonce: u64,
-    /// Rounds of which this agent holds a valid checkpoint, ascending.
+    /// Rounds that this agent can start from, ascending: those of its valid checkpoints, and 0 if it had a seat in
+    /// this run before. Empty for an agent whose folder is new.
     pub checkpoints: Vec<u64>,
 }
 
@@ -119,22 +120,34 @@ pub enum Refusal {
     Malformed(String),
     /// The run is ending.
     Closing,
+    /// No round is held by every process, and going back to the beginning would throw work away; make it with
+    /// [`Refusal::no_common_round`].
+    NoCommonRound(String),
 }
 
 impl Refusal {
-    /// Longest text in [`Refusal::Malformed`], in bytes.
+    /// Longest text in a refusal, in bytes.
     const MAX_REASON: usize = 512;
 
     /// The request could not be understood, for this reason; cut off where it would not fit the message.
     pub fn malformed(reason: impl fmt::Display) -> Self {
-        let mut text = reason.to_string();
-        let mut end = text.len().min(Self::MAX_REASON);
-        while !text.is_char_boundary(end) {
-            end -= 1;
-        }
-        text.truncate(end);
-        Self::Malformed(text)
+        Self::Malformed(cut(reason.to_string(), Self::MAX_REASON))
     }
+
+    /// Who holds which rounds; cut off where it would not fit the message.
+    pub fn no_common_round(who_holds_what: &str) -> Self {
+        Self::NoCommonRound(cut(who_holds_what.to_owned(), Self::MAX_REASON))
+    }
+}
+
+/// The first `most` bytes of a text, or a few less where a character would be cut in two.
+fn cut(mut text: String, most: usize) -> String {
+    let mut end = text.len().min(most);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text.truncate(end);
+    text
 }
 
 impl fmt::Display for Refusal {
@@ -165,6 +178,12 @@ impl fmt::Display for Refusal {
                  install the same version of rondo on every host"
             ),
             Self::Closing => f.write_str("the run is ending and takes nobody in; resume it to go on"),
+            Self::NoCommonRound(who_holds_what) => write!(
+                f,
+                "no checkpoint is held by every process ({who_holds_what}), so the run does not start\nhint: does \
+                 each role have its own old run folder as `--out`? Copy a missing folder there. `--start-over` at the \
+                 env-server starts from the beginning and sets the old state aside"
+            ),
         }
     }
 }

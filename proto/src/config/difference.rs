@@ -1,0 +1,109 @@
+//! What differs between two configurations, and whether a run may go on with the difference.
+
+use std::fmt;
+
+use super::Config;
+
+/// Keys that may change in a run that goes on: how long it is, when it saves and logs, how its processes talk.
+/// Everything else decides what is learned.
+pub const MAY_CHANGE: [&str; 4] = ["t_max", "save.interval", "log.interval", "bus.low_latency"];
+
+/// One key with two values, as in the TOML file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Difference {
+    /// With dots, for example `ppo.gamma`.
+    pub key: String,
+    /// None where there is no such key.
+    pub now: Option<String>,
+    /// None where there was no such key.
+    pub before: Option<String>,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "not set".to_owned());
+        write!(f, "`{}` is {} and was {}", self.key, value(&self.now), value(&self.before))
+    }
+}
+
+impl Config {
+    /// The first key that differs from `before` and that a run which goes on must not change: any key except
+    /// [`MAY_CHANGE`]; `t_max` may not become smaller.
+    pub fn first_difference(&self, before: &Self) -> Option<Difference> {
+        let shorter = self.t_max < before.t_max;
+        self.differences(before).into_iter().find(|difference| {
+            !MAY_CHANGE.contains(&difference.key.as_str()) || (difference.key == "t_max" && shorter)
+        })
+    }
+
+    /// Every key whose value is another one, in alphabetical order.
+    pub fn differences(&self, before: &Self) -> Vec<Difference> {
+        let (now, before) = (flat(self), flat(before));
+        let keys = now.keys().chain(before.keys().filter(|key| !now.contains_key(*key)));
+        let mut keys: Vec<&String> = keys.filter(|key| now.get(*key) != before.get(*key)).collect();
+        keys.sort_unstable();
+        let difference = |key: &String| Difference {
+            key: key.clone(),
+            now: now.get(key).cloned(),
+            before: before.get(key).cloned(),
+        };
+        keys.into_iter().map(difference).collect()
+    }
+}
+
+/// Every key with dots, and its value as TOML.
+fn flat(config: &Config) -> std::collections::BTreeMap<String, String> {
+    fn walk(prefix: &str, table: &toml::Table, flat: &mut std::collections::BTreeMap<String, String>) {
+        for (key, value) in table {
+            let key = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+            match value {
+                toml::Value::Table(table) => walk(&key, table, flat),
+                other => drop(flat.insert(key, other.to_string())),
+            }
+        }
+    }
+    let table = config.to_toml().parse().expect("a configuration is written as TOML");
+    let mut flat_table = std::collections::BTreeMap::new();
+    walk("", &table, &mut flat_table);
+    flat_table
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::config::{AlgoName, Config};
+    use crate::presets::{config, Family};
+
+    fn before() -> Config {
+        config("test", "any", 2, AlgoName::Ippo, Family::Lbf)
+    }
+
+    #[test]
+    fn a_run_may_become_longer_and_save_at_other_times() {
+        let mut now = before();
+        now.t_max += 1;
+        now.save.interval += 1;
+        now.log.interval += 1;
+        now.bus.low_latency = !now.bus.low_latency;
+        assert_eq!(now.first_difference(&before()), None);
+        assert_eq!(now.differences(&before()).len(), 4);
+    }
+
+    #[test]
+    fn what_decides_the_result_may_not_change() {
+        let text = |change: fn(&mut Config)| {
+            let mut now = before();
+            change(&mut now);
+            now.first_difference(&before()).map(|difference| difference.to_string())
+        };
+        let seed = text(|c| c.seed = 7).unwrap();
+        assert_eq!(seed, "`seed` is 7 and was 1");
+        assert!(text(|c| c.world.task = "other".to_owned())
+            .unwrap()
+            .starts_with("`world.task` is \"other\" and was"));
+        assert!(text(|c| c.ppo.as_mut().unwrap().entropy_coef = 0.5)
+            .unwrap()
+            .starts_with("`ppo.entropy_coef` is 0.5 and was"));
+        assert!(text(|c| c.t_max -= 1).unwrap().starts_with("`t_max` is "));
+        assert!(text(|c| c.ppo = None).unwrap().contains("is not set and was"));
+    }
+}
