@@ -4,7 +4,7 @@ mod tasks;
 
 use std::path::PathBuf;
 
-use monitor::PlotOptions;
+use monitor::{Found, PlotOptions};
 use process::Failure;
 use proto::exit;
 use store::RunFolder;
@@ -70,11 +70,13 @@ pub struct Plot {
 
 impl Plot {
     pub fn run(&self) -> Result<(), Failure> {
-        let mut curves = Vec::new();
-        for run in &self.runs {
-            curves.extend(monitor::load_all(run, &self.metric).map_err(unusable)?);
+        let curves = load(&self.runs, &self.metric)?;
+        let differences = monitor::meaning::differences(curves.iter());
+        if !differences.is_empty() {
+            let list: Vec<String> = differences.iter().map(ToString::to_string).collect();
+            eprintln!("warning: the numbers do not mean the same in all runs: {}", list.join(", "));
         }
-        let groups = monitor::group(curves).map_err(unusable)?;
+        let groups = monitor::group(curves);
         let defaults = PlotOptions::default();
         let options = PlotOptions {
             title: self.title.clone().unwrap_or(defaults.title),
@@ -88,27 +90,45 @@ impl Plot {
     }
 }
 
-/// Compare learning curves with reference curves
+/// The curves of all runs that can be read. What is left out is named on stderr.
+fn load(paths: &[PathBuf], metric: &str) -> Result<Vec<monitor::Curve>, Failure> {
+    let Found { curves, mut left_out } = monitor::load_all(paths, metric);
+    if curves.is_empty() && !left_out.is_empty() {
+        // The first one is the error, so that one cause is one message.
+        let first = left_out.remove(0);
+        left_out.iter().for_each(|error| eprintln!("left out: {error}"));
+        return Err(unusable(first));
+    }
+    left_out.iter().for_each(|error| eprintln!("left out: {error}"));
+    Ok(curves)
+}
+
+/// Compare learning curves with reference curves, or print the scores of each group of runs
 #[derive(Debug, Clone, clap::Args)]
 pub struct Compare {
-    /// Run folders, or folders of runs
+    /// Run folders, folders of runs, or reference curves (.json)
     #[arg(required = true)]
     runs: Vec<PathBuf>,
-    /// Reference curves (.json), or runs to compare with
-    #[arg(long, required = true, num_args = 1..)]
+    /// Reference curves (.json), or runs to compare with; without it only the scores are printed: final, mean of the
+    /// last five test points, best and mean over all (AUC), each as mean, standard error and interquartile mean
+    #[arg(long, num_args = 1..)]
     reference: Vec<PathBuf>,
+    /// The metric, for example `return_mean` or `agent-0/entropy`
+    #[arg(long, default_value = "test_return_mean")]
+    metric: String,
 }
 
 impl Compare {
     pub fn run(&self) -> Result<(), Failure> {
-        let load = |paths: &[PathBuf]| -> Result<Vec<monitor::Curve>, Failure> {
-            let mut curves = Vec::new();
-            for path in paths {
-                curves.extend(monitor::load_all(path, "test_return_mean").map_err(unusable)?);
-            }
-            Ok(curves)
-        };
-        println!("{}", monitor::compare(&load(&self.runs)?, &load(&self.reference)?));
+        let ours = load(&self.runs, &self.metric)?;
+        if self.reference.is_empty() {
+            let scores = monitor::scores(&monitor::group(ours));
+            let tables: Vec<String> = scores.iter().map(ToString::to_string).collect();
+            println!("{}", tables.join("\n\n"));
+            return Ok(());
+        }
+        let reference = load(&self.reference, &self.metric)?;
+        println!("{}", monitor::compare(&ours, &reference));
         Ok(())
     }
 }

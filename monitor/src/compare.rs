@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::meaning::{differences, mixture, Difference};
 use crate::stats::{mean, mean_curve, quarter_interval, value_at, Summary};
 use crate::Curve;
 
@@ -12,6 +13,10 @@ pub struct Comparison {
     /// The mean of each seed over those test points that all seeds of both sides reach; a seed
     /// weighs as one sample. `None` if there is no such point.
     pub overall: Option<Overall>,
+    /// In what the sides differ that changes what their numbers mean.
+    pub differences: Vec<Difference>,
+    /// In what the runs of our side and those of the reference's differ among themselves.
+    pub mixtures: [Vec<Difference>; 2],
     our_label: String,
     reference_label: String,
 }
@@ -92,7 +97,14 @@ pub fn compare(ours: &[Curve], reference: &[Curve]) -> Comparison {
         (Some(ours), Some(reference)) => Some(Overall { ours, reference, test_points: common.len() }),
         _ => None,
     };
-    Comparison { rows, overall, our_label: labels(ours), reference_label: labels(reference) }
+    Comparison {
+        rows,
+        overall,
+        differences: differences(ours.iter().chain(reference)),
+        mixtures: [mixture(ours), mixture(reference)],
+        our_label: labels(ours),
+        reference_label: labels(reference),
+    }
 }
 
 fn labels(curves: &[Curve]) -> String {
@@ -107,6 +119,18 @@ fn labels(curves: &[Curve]) -> String {
 
 impl fmt::Display for Comparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.differences.is_empty() {
+            writeln!(
+                f,
+                "warning: the numbers do not mean the same in all runs: {}",
+                list(&self.differences)
+            )?;
+        }
+        for (side, mixture) in ["ours", "reference"].into_iter().zip(&self.mixtures) {
+            if !mixture.is_empty() {
+                writeln!(f, "warning: {side} puts unlike runs together: {}", list(mixture))?;
+            }
+        }
         writeln!(f, "ours:      {}", self.our_label)?;
         writeln!(f, "reference: {}", self.reference_label)?;
         writeln!(
@@ -121,6 +145,9 @@ impl fmt::Display for Comparison {
             writeln!(f, "{:>10.0}  {:>24}  {:>24}  {answer}", row.t_env, ours, cell(&row.reference))?;
         }
         writeln!(f)?;
+        if self.differences.iter().any(Difference::is_of_scale) {
+            return write!(f, "verdict: none, the numbers do not mean the same (see the first line)");
+        }
         let Some(overall) = &self.overall else {
             return write!(
                 f,
@@ -139,6 +166,10 @@ impl fmt::Display for Comparison {
             overall.test_points,
         )
     }
+}
+
+fn list(differences: &[Difference]) -> String {
+    differences.iter().map(Difference::to_string).collect::<Vec<_>>().join(", ")
 }
 
 fn cell(side: &Summary) -> String {
@@ -205,6 +236,32 @@ mod tests {
             ),
             "{text}"
         );
+    }
+
+    #[test]
+    fn sides_whose_numbers_mean_other_things_get_a_warning_and_no_verdict() {
+        let with = |key: &str, value: &str| {
+            let mut curve = curve("ours", 7, &[(0, 0.0), (100, 1.0)]);
+            curve.settings.insert(key.to_owned(), value.to_owned());
+            curve
+        };
+        let text = compare(&[with("world.reward", "sum")], &[with("world.reward", "mean")]).to_string();
+        let first = "warning: the numbers do not mean the same in all runs: world.reward (mean | sum)\n";
+        assert!(text.starts_with(first), "{text}");
+        assert!(
+            text.ends_with("verdict: none, the numbers do not mean the same (see the first line)"),
+            "{text}"
+        );
+        let text = compare(&[with("world.pad", "true")], &[with("world.pad", "false")]).to_string();
+        assert!(
+            text.starts_with("warning: the numbers do not mean the same in all runs: world.pad"),
+            "{text}"
+        );
+        assert!(text.contains("verdict: keeps up with"), "{text}");
+        let mixed = [with("algo.hidden", "64"), with("algo.hidden", "128")];
+        let text = compare(&mixed, &reference()).to_string();
+        let first = "warning: ours puts unlike runs together: algo.hidden (128 | 64)\n";
+        assert!(text.starts_with(first), "{text}");
     }
 
     #[test]

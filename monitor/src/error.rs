@@ -21,10 +21,13 @@ pub enum Error {
     #[error("{path}: {problem}", path = .path.display())]
     Config { path: PathBuf, problem: String },
 
-    /// A row that is not what the run's writer writes; `place` is the line from 1 or, in a curve
-    /// file, the entry (`rows[3]`).
-    #[error("{path}:{place}: {problem}; the file is damaged, leave this run out or repeat it", path = .path.display())]
-    Damaged { path: PathBuf, place: String, problem: String },
+    /// Rows that cannot be used; the rest was. `place` is the first one's line or, in a curve file, its entry
+    /// (`rows[3]`).
+    #[error("{count} rows of {path}, the first at {place}: {problem}", path = .path.display())]
+    Rows { path: PathBuf, count: usize, place: String, problem: String },
+
+    #[error("{path} is not a curve file: {problem}", path = .path.display())]
+    CurveFile { path: PathBuf, problem: String },
 
     /// The file is sound, but no row has a number of this name.
     #[error("no row of {path} has a number named `{metric}`; {found}", path = .path.display())]
@@ -32,7 +35,7 @@ pub enum Error {
 
     /// The same seed twice is one sample, and would make the standard error too small.
     #[error(
-        "{first} and {second} are both seed {seed} of `{label}`; leave one of them out",
+        "{second} is seed {seed} of `{label}` once more; {first} is the one that counts",
         first = .first.display(), second = .second.display()
     )]
     RepeatedSeed { label: String, seed: u64, first: PathBuf, second: PathBuf },

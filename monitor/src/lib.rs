@@ -3,6 +3,9 @@
 //!
 //! ```text
 //! runs        folders and reference files -> curves, curves -> groups of seeds
+//! rows        metric rows as they are found, also damaged ones
+//! meaning     whether the returns of two runs mean the same
+//! scores      the scores of each group of runs, as a table
 //! stats       scores of a run, means over seeds                      (spec §8.3)
 //! compare     our curves against a reference's, test point by test point
 //! plot        learning curves as SVG or PNG
@@ -12,15 +15,18 @@
 
 pub mod compare;
 pub mod estimation;
+pub mod meaning;
 pub mod picture;
 pub mod plot;
 pub mod runs;
+pub mod scores;
 pub mod stats;
 
 mod chart;
 mod error;
 mod estimation_picture;
 mod estimation_report;
+mod rows;
 mod svg;
 
 pub use compare::{compare, Comparison};
@@ -28,4 +34,5 @@ pub use error::Error;
 pub use estimation_picture::estimation_plot;
 pub use estimation_report::estimation_report;
 pub use plot::{plot, PlotOptions};
-pub use runs::{group, load, load_all, Curve, Group, Point};
+pub use runs::{group, load_all, Curve, Found, Group, Point};
+pub use scores::scores;

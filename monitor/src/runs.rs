@@ -5,8 +5,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
-use serde_json::{Map, Value};
+use serde_json::Value;
 
+use crate::meaning::MEANING;
+use crate::rows::{self, Rows};
 use crate::Error;
 
 /// Folders between a sweep and its runs, at most; a guard against a folder that contains itself.
@@ -43,17 +45,49 @@ pub struct Group {
     pub curves: Vec<Curve>,
 }
 
-/// Reads `metric` of one run folder or one reference curve file (`.json`).
+/// What was found on a disk.
+#[derive(Debug)]
+pub struct Found {
+    pub curves: Vec<Curve>,
+    /// Runs, or rows of a run, that could not be taken, each with the reason.
+    pub left_out: Vec<Error>,
+}
+
+/// Reads `metric` of all that is there at `paths`: a run folder, a reference curve file (`.json`), or a folder that
+/// stands for the runs inside it (`seed-1`, `seed-2`, … `seed-10`, in that order).
 ///
-/// A plain name is looked up in the world's rows, `agent-1/loss` in that role's. Rows without the
-/// metric, and rows where it is `null` (not finite when measured), are skipped. A last line that
-/// is cut short is a row still being written, and is skipped too.
-///
-/// # Errors
-/// [`Error::NotARun`], [`Error::Config`], [`Error::Damaged`] with the line, [`Error::NoRows`] if no
-/// row has the metric, [`Error::Read`].
-pub fn load(path: &Path, metric: &str) -> Result<Curve, Error> {
-    if is_run(path) {
+/// A plain name is looked up in the world's rows, `agent-1/loss` in that role's. Rows without the metric, and rows
+/// where it is not finite (`null`), are skipped. A last line that is cut short is a row still being written, and is
+/// skipped too. A run that cannot be read is left out, and so is the second run of one seed: the same seed twice is
+/// one sample, and would make the standard error too small.
+pub fn load_all(paths: &[PathBuf], metric: &str) -> Found {
+    let mut left_out = Vec::new();
+    let mut curves: Vec<Curve> = Vec::new();
+    for path in paths {
+        for run in runs_in(path, &mut left_out) {
+            match load(&run, metric) {
+                Err(error) => left_out.push(error),
+                Ok((curve, rows)) => {
+                    left_out.extend(rows);
+                    match curves.iter().find(|other| other.is_twin_of(&curve)) {
+                        None => curves.push(curve),
+                        Some(twin) => left_out.push(Error::RepeatedSeed {
+                            label: curve.label,
+                            seed: curve.seed,
+                            first: twin.source.clone(),
+                            second: curve.source,
+                        }),
+                    }
+                }
+            }
+        }
+    }
+    Found { curves, left_out }
+}
+
+/// One run folder or curve file, and the rows that had to be left out.
+fn load(path: &Path, metric: &str) -> Result<(Curve, Option<Error>), Error> {
+    if path.is_dir() {
         load_run(path, metric)
     } else if path.extension().is_some_and(|extension| extension == "json") {
         load_curve_file(path, metric)
@@ -62,68 +96,52 @@ pub fn load(path: &Path, metric: &str) -> Result<Curve, Error> {
     }
 }
 
-/// Like [`load`], but a folder that is not a run itself stands for the runs inside it
-/// (`seed-1`, `seed-2`, … `seed-10`, in that order).
-///
-/// # Errors
-/// Those of [`load`]; [`Error::NotARun`] if the folder holds no run.
-pub fn load_all(path: &Path, metric: &str) -> Result<Vec<Curve>, Error> {
-    if is_run(path) || !path.is_dir() {
-        return Ok(vec![load(path, metric)?]);
+impl Curve {
+    fn is_like(&self, other: &Curve) -> bool {
+        self.label == other.label && self.settings == other.settings
     }
-    let mut runs = Vec::new();
-    find_runs(path, MAX_DEPTH, &mut runs)?;
-    if runs.is_empty() {
-        return Err(Error::NotARun { path: path.to_owned() });
+
+    fn is_twin_of(&self, other: &Curve) -> bool {
+        self.seed == other.seed && self.is_like(other)
     }
-    runs.iter().map(|run| load_run(run, metric)).collect()
 }
 
 /// Puts the seeds of each configuration together, in the order in which they come.
 ///
 /// Runs with one label but different settings stay apart; their labels then get the settings in
-/// which they differ, for instance `…, algo.hidden=64`.
-///
-/// # Errors
-/// [`Error::RepeatedSeed`] if a configuration has the same seed twice.
-pub fn group(curves: Vec<Curve>) -> Result<Vec<Group>, Error> {
+/// which they differ, for instance `…, algo.hidden=64`. A label also gets the settings that change
+/// what a return means (see [`crate::meaning`]) where any two groups differ in them.
+pub fn group(curves: Vec<Curve>) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for curve in curves {
-        let same =
-            |group: &&mut Group| group.label == curve.label && group.curves[0].settings == curve.settings;
-        match groups.iter_mut().find(same) {
+        match groups.iter_mut().find(|group| group.curves[0].is_like(&curve)) {
             None => groups.push(Group { label: curve.label.clone(), curves: vec![curve] }),
-            Some(group) => {
-                if let Some(twin) = group.curves.iter().find(|other| other.seed == curve.seed) {
-                    return Err(Error::RepeatedSeed {
-                        label: curve.label,
-                        seed: curve.seed,
-                        first: twin.source.clone(),
-                        second: curve.source,
-                    });
-                }
-                group.curves.push(curve);
-            }
+            Some(group) => group.curves.push(curve),
         }
     }
     let labels: Vec<String> = (0..groups.len()).map(|index| distinct_label(&groups, index)).collect();
     for (group, label) in groups.iter_mut().zip(labels) {
         group.label = label;
     }
-    Ok(groups)
+    groups
 }
 
-/// The group's label and, where others have the same one, the settings that tell them apart.
+/// The group's label and the settings that tell it from others of the same label, or from all others in meaning.
 fn distinct_label(groups: &[Group], index: usize) -> String {
     let own = &groups[index];
-    let settings = &own.curves[0].settings;
-    let namesakes: Vec<_> = groups.iter().filter(|group| group.label == own.label).collect();
-    let keys: BTreeSet<&String> =
-        namesakes.iter().flat_map(|group| group.curves[0].settings.keys()).collect();
+    let settings = |group: &Group| group.curves[0].settings.clone();
+    let namesakes: Vec<_> = groups.iter().filter(|group| group.label == own.label).map(settings).collect();
+    let all: Vec<_> = groups.iter().map(settings).collect();
+    let own_settings = settings(own);
     let mut label = own.label.clone();
+    let keys: BTreeSet<&String> = all.iter().flat_map(BTreeMap::keys).collect();
     for key in keys {
-        let value = settings.get(key);
-        if namesakes.iter().any(|group| group.curves[0].settings.get(key) != value) {
+        let value = own_settings.get(key);
+        let among_namesakes = namesakes.iter().any(|other| other.get(key) != value);
+        let in_meaning = MEANING.contains(&key.as_str())
+            && value.is_some()
+            && all.iter().any(|other| other.get(key).is_some_and(|other| Some(other) != value));
+        if among_namesakes || in_meaning {
             label += &format!(", {key}={}", value.map_or("unset", String::as_str));
         }
     }
@@ -134,22 +152,48 @@ fn is_run(path: &Path) -> bool {
     path.join("config.toml").is_file()
 }
 
-fn find_runs(folder: &Path, depth: usize, runs: &mut Vec<PathBuf>) -> Result<(), Error> {
-    if is_run(folder) {
+/// The runs that a path stands for. A path that holds no run stands for itself, so that reading it says what is
+/// wrong.
+fn runs_in(path: &Path, left_out: &mut Vec<Error>) -> Vec<PathBuf> {
+    let mut runs = Vec::new();
+    let before = left_out.len();
+    if path.is_dir() {
+        find_runs(path, MAX_DEPTH, &mut runs, left_out);
+        if runs.is_empty() && left_out.len() == before {
+            left_out.push(Error::NotARun { path: path.to_owned() });
+        }
+    } else {
+        runs.push(path.to_owned());
+    }
+    runs
+}
+
+/// Whether this folder belongs to a run, its configuration or not: a run that is young, or half copied.
+fn is_part_of_run(folder: &Path) -> bool {
+    let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let is_seed = name.strip_prefix("seed-").is_some_and(|seed| seed.parse::<u64>().is_ok());
+    let has_role = ["world", "coordinator", "agent-0"].iter().any(|role| folder.join(role).is_dir());
+    is_run(folder) || has_role || is_seed && !holds_folder(folder)
+}
+
+fn holds_folder(folder: &Path) -> bool {
+    fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| entry.path().is_dir()))
+}
+
+fn find_runs(folder: &Path, depth: usize, runs: &mut Vec<PathBuf>, left_out: &mut Vec<Error>) {
+    if is_part_of_run(folder) {
         runs.push(folder.to_owned());
-        return Ok(());
+        return;
     }
     if depth == 0 {
-        return Ok(());
+        return;
     }
-    let read = |source| Error::Read { path: folder.to_owned(), source };
-    let mut inner = Vec::new();
-    for entry in fs::read_dir(folder).map_err(read)? {
-        let path = entry.map_err(read)?.path();
-        if path.is_dir() {
-            inner.push(path);
-        }
-    }
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(source) => return left_out.push(Error::Read { path: folder.to_owned(), source }),
+    };
+    let mut inner: Vec<PathBuf> =
+        entries.flatten().map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
     // `seed-10` belongs after `seed-2`: numbers at the end count as numbers.
     inner.sort_by_key(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -157,10 +201,10 @@ fn find_runs(folder: &Path, depth: usize, runs: &mut Vec<PathBuf>) -> Result<(),
         let number: Option<u64> = name[stem.len()..].parse().ok();
         (stem, number, name)
     });
-    inner.iter().try_for_each(|path| find_runs(path, depth - 1, runs))
+    inner.iter().for_each(|path| find_runs(path, depth - 1, runs, left_out));
 }
 
-fn load_run(run: &Path, metric: &str) -> Result<Curve, Error> {
+fn load_run(run: &Path, metric: &str) -> Result<(Curve, Option<Error>), Error> {
     let config = run.join("config.toml");
     let text = fs::read_to_string(&config).map_err(|source| Error::Read { path: config.clone(), source })?;
     let about = describe(&text).map_err(|problem| Error::Config { path: config, problem })?;
@@ -169,20 +213,10 @@ fn load_run(run: &Path, metric: &str) -> Result<Curve, Error> {
     let path = run.join(role).join("metrics.jsonl");
     let bytes = fs::read(&path).map_err(|source| Error::Read { path: path.clone(), source })?;
     let mut rows = Rows::new(&path, name);
-    for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
-        if line.trim_ascii().is_empty() {
-            continue;
-        }
-        let line_number = (index + 1).to_string();
-        match serde_json::from_slice::<Map<String, Value>>(line) {
-            Ok(row) => rows.take(&line_number, &row)?,
-            Err(_) if !line.ends_with(b"\n") => break,
-            Err(error) => return Err(rows.damaged(&line_number, format!("not a flat JSON object: {error}"))),
-        }
-    }
-    let points = rows.finish()?;
+    rows.take_lines(&bytes);
+    let (points, left_out) = rows.finish()?;
     let About { label, task, seed, settings } = about;
-    Ok(Curve { label, task, seed, settings, points, source: run.to_owned() })
+    Ok((Curve { label, task, seed, settings, points, source: run.to_owned() }, left_out))
 }
 
 struct About {
@@ -262,85 +296,36 @@ struct CurveFile {
     seed: u64,
     #[serde(default)]
     settings: BTreeMap<String, Value>,
-    rows: Vec<Map<String, Value>>,
+    rows: Vec<Value>,
 }
 
-fn load_curve_file(path: &Path, metric: &str) -> Result<Curve, Error> {
+fn load_curve_file(path: &Path, metric: &str) -> Result<(Curve, Option<Error>), Error> {
     let bytes = fs::read(path).map_err(|source| Error::Read { path: path.to_owned(), source })?;
     let mut rows = Rows::new(path, metric);
-    let file: CurveFile = serde_json::from_slice(&bytes)
-        .map_err(|error| rows.damaged(&error.line().to_string(), format!("not a curve file: {error}")))?;
+    let file: CurveFile = rows::parse(&bytes)
+        .map_err(|problem| Error::CurveFile { path: path.to_owned(), problem: problem.to_string() })?;
     for (index, row) in file.rows.iter().enumerate() {
-        rows.take(&format!("rows[{index}]"), row)?;
+        let place = format!("rows[{index}]");
+        match row.as_object() {
+            Some(row) => rows.take(&place, row),
+            None => rows.leave_out(&place, format!("expected an object, got {row}")),
+        }
     }
-    let points = rows.finish()?;
+    let (points, left_out) = rows.finish()?;
     let program = file.source.split(" (").next().unwrap_or_default();
     let settings = file.settings.into_iter().map(|(key, value)| {
         let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
         (key, text)
     });
-    Ok(Curve {
+    let curve = Curve {
         label: format!("{} {} ({program})", file.algorithm, file.task),
         task: file.task,
         seed: file.seed,
         settings: settings.collect(),
         points,
         source: path.to_owned(),
-    })
-}
-
-/// Collects one metric from rows, and remembers which names there were, for the error message.
-struct Rows<'a> {
-    path: &'a Path,
-    metric: &'a str,
-    points: Vec<Point>,
-    names: BTreeSet<String>,
-}
-
-impl<'a> Rows<'a> {
-    fn new(path: &'a Path, metric: &'a str) -> Self {
-        Self { path, metric, points: Vec::new(), names: BTreeSet::new() }
-    }
-
-    fn damaged(&self, place: &str, problem: String) -> Error {
-        Error::Damaged { path: self.path.to_owned(), place: place.to_owned(), problem }
-    }
-
-    fn take(&mut self, place: &str, row: &Map<String, Value>) -> Result<(), Error> {
-        let value = match row.get(self.metric) {
-            None => {
-                let new = row.keys().filter(|name| !self.names.contains(*name)).cloned().collect::<Vec<_>>();
-                self.names.extend(new);
-                return Ok(());
-            }
-            Some(Value::Null) => return Ok(()),
-            Some(value) => value.as_f64().ok_or_else(|| {
-                self.damaged(place, format!("expected a number for `{}`, got {value}", self.metric))
-            })?,
-        };
-        let t_env = row.get("t_env").and_then(Value::as_u64).ok_or_else(|| {
-            self.damaged(place, "expected a whole number `t_env` (environment steps) beside the value".into())
-        })?;
-        if let Some(last) = self.points.last().filter(|last| last.t_env >= t_env) {
-            return Err(
-                self.damaged(place, format!("t_env {t_env} comes after {}, expected rising", last.t_env))
-            );
-        }
-        self.points.push(Point { t_env, value });
-        Ok(())
-    }
-
-    fn finish(self) -> Result<Vec<Point>, Error> {
-        if !self.points.is_empty() {
-            return Ok(self.points);
-        }
-        let names: Vec<String> = self.names.iter().map(|name| format!("`{name}`")).collect();
-        let found = match names.is_empty() {
-            true => "it has no rows with a value yet".to_owned(),
-            false => format!("there are {}", names.join(", ")),
-        };
-        Err(Error::NoRows { path: self.path.to_owned(), metric: self.metric.to_owned(), found })
-    }
+    };
+    Ok((curve, left_out))
 }
 
 #[cfg(test)]

@@ -35,6 +35,11 @@ fn write_run(run: &Path, config: &str, rows: &str) {
     fs::write(run.join("world/metrics.jsonl"), rows).unwrap();
 }
 
+/// The only curve there.
+fn load(path: &Path, metric: &str) -> Result<Curve, Error> {
+    super::load(path, metric).map(|(curve, _)| curve)
+}
+
 fn points(curve: &Curve) -> Vec<(u64, f64)> {
     curve.points.iter().map(|point| (point.t_env, point.value)).collect()
 }
@@ -74,47 +79,83 @@ fn a_folder_of_runs_stands_for_its_runs_in_the_order_of_their_numbers() {
         write_run(&folder.path().join(format!("a/seed-{seed}")), &config(seed, "[1e-4]", ""), ROWS);
     }
     fs::create_dir(folder.path().join("empty")).unwrap();
-    let seeds: Vec<u64> =
-        load_all(folder.path(), "test_return_mean").unwrap().iter().map(|curve| curve.seed).collect();
-    assert_eq!(seeds, [1, 2, 10]);
-    let error = load_all(&folder.path().join("empty"), "x").unwrap_err();
-    assert!(matches!(error, Error::NotARun { .. }), "{error}");
-    assert!(matches!(load(Path::new("absent"), "x").unwrap_err(), Error::NotARun { .. }));
+    let load_all = |path: &Path| super::load_all(&[path.to_owned()], "test_return_mean");
+    let found = load_all(folder.path());
+    assert_eq!(found.curves.iter().map(|curve| curve.seed).collect::<Vec<_>>(), [1, 2, 10]);
+    assert!(found.left_out.is_empty());
+    for nothing in [folder.path().join("empty"), PathBuf::from("absent")] {
+        let found = load_all(&nothing);
+        assert!(found.curves.is_empty());
+        assert!(matches!(found.left_out[..], [Error::NotARun { .. }]), "{:?}", found.left_out);
+    }
+    let both = [PathBuf::from("absent"), folder.path().join("empty")];
+    assert_eq!(super::load_all(&both, "test_return_mean").left_out.len(), 2, "each is named");
 }
 
 #[test]
-fn damaged_rows_are_named_with_file_and_line() {
+fn runs_that_cannot_be_read_are_left_out_and_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let sweep = folder.path().join("sweep");
+    for seed in 1..=8 {
+        write_run(&sweep.join(format!("seed-{seed}")), &config(seed, "[1e-4]", ""), ROWS);
+    }
+    let seed = |seed: u64| sweep.join(format!("seed-{seed}"));
+    fs::remove_dir_all(seed(2).join("world")).unwrap(); // young
+    fs::remove_file(seed(3).join("config.toml")).unwrap(); // half copied
+    fs::write(seed(4).join("config.toml"), "seed = 4\n[wor").unwrap();
+    fs::write(seed(5).join("world/metrics.jsonl"), "").unwrap();
+    fs::write(seed(6).join("world/metrics.jsonl"), ROWS.replace("0.43", "NaN")).unwrap();
+    fs::write(seed(7).join("world/metrics.jsonl"), format!("\u{0}\n{ROWS}{ROWS}")).unwrap();
+    fs::write(seed(8).join("config.toml"), config(1, "[1e-4]", "")).unwrap(); // a copy of seed 1
+    fs::create_dir(seed(9)).unwrap(); // made, and nothing in it yet
+
+    let found = super::load_all(&[sweep.clone()], "test_return_mean");
+    let curves: Vec<_> = found.curves.iter().map(|curve| (curve.seed, curve.points.len())).collect();
+    assert_eq!(curves, [(1, 2), (6, 1), (7, 2)]);
+    let messages: Vec<String> =
+        found.left_out.iter().map(|e| e.to_string().replace(&*sweep.to_string_lossy(), "S")).collect();
+    let starts = [
+        "cannot read S/seed-2/world/metrics.jsonl: No such file",
+        "cannot read S/seed-3/config.toml: No such file",
+        "S/seed-4/config.toml: TOML parse error",
+        "no row of S/seed-5/world/metrics.jsonl has a number named `test_return_mean`; it has no rows",
+        "3 rows of S/seed-7/world/metrics.jsonl, the first at line 1: not a JSON object",
+        "S/seed-8 is seed 1 of `mtppo lbf-8x8-2p-2f-coop, lr 1e-4` once more; S/seed-1 is the one that counts",
+        "cannot read S/seed-9/config.toml: No such file",
+    ];
+    assert_eq!(messages.len(), starts.len(), "{messages:#?}");
+    for (message, start) in messages.iter().zip(starts) {
+        assert!(message.starts_with(start), "{message}");
+    }
+    let groups = group(found.curves);
+    assert_eq!((groups.len(), groups[0].curves.len()), (1, 3));
+}
+
+#[test]
+fn a_file_without_any_usable_row_says_why() {
     let folder = tempfile::tempdir().unwrap();
     let message = |rows: &str| {
         write_run(folder.path(), &config(1, "[1e-4]", ""), rows);
         let text = load(folder.path(), "x").unwrap_err().to_string();
         text.replace(&*folder.path().to_string_lossy(), "RUN")
     };
-    let start = "{\"t_env\":1,\"x\":1}\n";
-    assert!(
-        message(&format!("{start}\u{0}\u{0}\n")).starts_with("RUN/world/metrics.jsonl:2: not a flat JSON")
-    );
+    let start = "no row of RUN/world/metrics.jsonl has a number named `x`; ";
+    assert_eq!(message("{\"t_env\":1,\"y\":1}\n"), format!("{start}there are `t_env`, `y`"));
+    assert_eq!(message(""), format!("{start}it has no rows with a value yet"));
     assert_eq!(
-        message(&format!("{start}{{\"t_env\":2,\"x\":\"1\"}}\n")),
-        "RUN/world/metrics.jsonl:2: expected a number for `x`, got \"1\"; \
-         the file is damaged, leave this run out or repeat it"
+        message("{\"t_env\":2,\"x\":\"1\"}\n"),
+        format!("{start}1 rows cannot be used, the first at line 1: expected a number for `x`, got \"1\"")
     );
-    assert!(
-        message("\n{\"x\":1}\n").starts_with("RUN/world/metrics.jsonl:2: expected a whole number `t_env`")
-    );
-    assert!(message(&format!("{start}{start}")).contains(":2: t_env 1 comes after 1, expected rising;"));
-    assert_eq!(
-        message("{\"t_env\":1,\"y\":1}\n"),
-        "no row of RUN/world/metrics.jsonl has a number named `x`; there are `t_env`, `y`"
-    );
-    assert!(message("").ends_with("; it has no rows with a value yet"));
+    assert!(message("\n{\"x\":1}\n").contains("at line 2: expected a whole number `t_env`"));
 }
 
 #[test]
 fn a_last_row_that_is_still_being_written_is_skipped() {
     let folder = tempfile::tempdir().unwrap();
     write_run(folder.path(), &config(1, "[1e-4]", ""), "{\"t_env\":1,\"x\":1}\n{\"t_env\":2,\"x\"");
-    assert_eq!(points(&load(folder.path(), "x").unwrap()), [(1, 1.0)]);
+    let (curve, left_out) = super::load(folder.path(), "x").unwrap();
+    assert_eq!(points(&curve), [(1, 1.0)]);
+    assert!(left_out.is_none());
 }
 
 #[test]
@@ -145,14 +186,17 @@ fn a_reference_file_becomes_a_curve_named_after_its_program() {
         ["lr=0.0003", "n=5"]
     );
 
+    fs::write(&path, text.replace("\"t_env\":400", "\"t_env\":1").replace("0.5", "NaN,\"y\":-Infinity"))
+        .unwrap();
+    assert_eq!(points(&load(&path, "test_return_mean").unwrap()), [(1, 1.0)]);
     fs::write(&path, text.replace("\"t_env\":400", "\"t_env\":1")).unwrap();
-    let message = load(&path, "test_return_mean").unwrap_err().to_string();
-    assert!(message.contains("ippo.json:rows[1]: t_env 1 comes after 362"), "{message}");
+    let (curve, left_out) = super::load(&path, "test_return_mean").unwrap();
+    assert_eq!(points(&curve), [(362, 0.5)]);
+    let left_out = left_out.unwrap().to_string();
+    assert!(left_out.contains("ippo.json, the first at rows[1]: t_env 1 comes after 362"), "{left_out}");
     fs::write(&path, "{\n\"source\":1}").unwrap();
-    assert!(load(&path, "test_return_mean")
-        .unwrap_err()
-        .to_string()
-        .contains("ippo.json:2: not a curve file"));
+    let message = load(&path, "test_return_mean").unwrap_err().to_string();
+    assert!(message.contains("ippo.json is not a curve file: invalid type: integer `1`"), "{message}");
 }
 
 #[test]
@@ -165,8 +209,7 @@ fn runs_are_grouped_by_label_and_kept_apart_where_other_settings_differ() {
     };
     let other = curve("ippo lbf", 1, &[(0, 0.0)]);
     let groups =
-        group(vec![with(1, Some("64")), other, with(2, Some("64")), with(1, Some("128")), with(1, None)])
-            .unwrap();
+        group(vec![with(1, Some("64")), other, with(2, Some("64")), with(1, Some("128")), with(1, None)]);
     let found: Vec<_> = groups.iter().map(|group| (group.label.as_str(), group.curves.len())).collect();
     assert_eq!(
         found,
@@ -180,9 +223,16 @@ fn runs_are_grouped_by_label_and_kept_apart_where_other_settings_differ() {
 }
 
 #[test]
-fn the_same_seed_twice_is_refused() {
-    let mut again = curve("a", 1, &[(0, 0.0)]);
-    again.source = PathBuf::from("elsewhere");
-    let message = group(vec![curve("a", 1, &[(0, 0.0)]), again]).unwrap_err().to_string();
-    assert_eq!(message, "runs/a/seed-1 and elsewhere are both seed 1 of `a`; leave one of them out");
+fn a_label_says_what_a_return_means_where_that_differs() {
+    let with = |label: &str, reward: &str| {
+        let mut curve = curve(label, 1, &[(0, 0.0)]);
+        curve.settings.insert("world.reward".to_owned(), reward.to_owned());
+        curve
+    };
+    let labels = |curves: Vec<Curve>| group(curves).into_iter().map(|group| group.label).collect::<Vec<_>>();
+    assert_eq!(
+        labels(vec![with("ippo", "sum"), with("mtppo", "mean")]),
+        ["ippo, world.reward=sum", "mtppo, world.reward=mean"]
+    );
+    assert_eq!(labels(vec![with("ippo", "sum"), with("mtppo", "sum")]), ["ippo", "mtppo"]);
 }

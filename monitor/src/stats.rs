@@ -71,6 +71,11 @@ pub fn mean_of_last(curve: &Curve, count: usize) -> Option<f64> {
     mean(&values[values.len().saturating_sub(count)..])
 }
 
+/// The best test point of a run.
+pub fn best(curve: &Curve) -> Option<f64> {
+    values(curve).into_iter().reduce(f64::max)
+}
+
 /// Area under the curve: the mean over all test points.
 pub fn auc(curve: &Curve) -> Option<f64> {
     mean(&values(curve))
@@ -219,6 +224,7 @@ mod tests {
         assert_eq!(final_performance(&run), Some(5.0));
         assert_eq!(mean_of_last(&run, 5), Some(18.0 / 5.0));
         assert_eq!(mean_of_last(&run, 50), Some(3.0));
+        assert_eq!(best(&run), Some(7.0));
         assert_eq!(auc(&run), Some(3.0));
         assert_eq!(auc(&curve(&[])), None);
     }
