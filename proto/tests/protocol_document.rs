@@ -1,32 +1,14 @@
 //! `docs/protocol.md` and the code say the same: every test vector of the document is what the code sends and
 //! understands, every message has one, and every key is in its table.
 
+mod vectors;
+
 use proto::codec::{decode, encode, Message};
 use proto::control::{Join, Metrics, Progress, Rates, RatesQuery, Refusal, Seat, Welcome};
 use proto::{Act, End, Key, Keys, Mode, Observe, WIRE_VERSION};
 use std::collections::BTreeMap;
 use std::fmt::Debug;
-
-const DOCUMENT: &str = include_str!("../../docs/protocol.md");
-
-/// The blocks fenced as `hex NAME`; a `#` begins a remark.
-fn vectors() -> BTreeMap<&'static str, Vec<u8>> {
-    let mut vectors = BTreeMap::new();
-    let mut lines = DOCUMENT.lines();
-    while let Some(line) = lines.next() {
-        let Some(name) = line.strip_prefix("```hex ") else { continue };
-        let bytes = lines
-            .by_ref()
-            .take_while(|line| *line != "```")
-            .flat_map(|line| line.split('#').next().unwrap_or_default().split_whitespace())
-            .map(|byte| {
-                u8::from_str_radix(byte, 16).unwrap_or_else(|_| panic!("`{byte}` in vector `{name}`"))
-            })
-            .collect();
-        assert_eq!(vectors.insert(name, bytes), None, "two vectors are called `{name}`");
-    }
-    vectors
-}
+use vectors::{vectors, DOCUMENT};
 
 fn observe() -> Observe {
     Observe {
@@ -62,14 +44,8 @@ fn examples() -> BTreeMap<&'static str, Vec<u8>> {
     let mut examples = BTreeMap::from([
         ("observe", observe_both_ways(&observe())),
         ("observe-finished", {
-            let sizes = Observe { obs_size: 3, n_actions: 2, ..Observe::default() };
-            observe_both_ways(&Observe {
-                mode: Mode::Finished,
-                epoch: 1,
-                round: 301,
-                t_env: 100_250,
-                ..sizes
-            })
+            let none = Observe::default();
+            observe_both_ways(&Observe { mode: Mode::Finished, epoch: 1, round: 301, t_env: 100_250, ..none })
         }),
         ("act", {
             act_both_ways(&Act { mode: Mode::Train, epoch: 1, round: 300, tick: 7, actions: vec![0] })

@@ -324,6 +324,17 @@ impl Member {
         }
     }
 
+    /// Whether every one of its threads has stopped, as SIGSTOP makes them do soon after it was sent.
+    pub fn has_stopped(&self) -> bool {
+        let Ok(threads) = fs::read_dir(format!("/proc/{}/task", self.pid)) else { return false };
+        let stats =
+            threads.map_while(Result::ok).map(|thread| fs::read_to_string(thread.path().join("stat")));
+        // The state follows the name in parentheses.
+        stats
+            .into_iter()
+            .all(|stat| stat.is_ok_and(|text| text.rsplit(')').next().is_some_and(|t| t.starts_with(" T"))))
+    }
+
     /// Which role it was started as.
     fn role(&self) -> Option<String> {
         let line = fs::read_to_string(format!("/proc/{}/cmdline", self.pid)).ok()?;

@@ -132,8 +132,10 @@ fn a_team_saves_when_its_launcher_is_killed() {
 fn a_role_that_hangs_does_not_outlive_a_killed_launcher_either() {
     let cluster = Cluster::new();
     let (mut training, children) = running(&cluster, endless());
-    // It cannot notice by itself that the launcher is gone; the system wakes it up.
-    training.child("agent-0").signal(Signal::SIGSTOP);
+    // It cannot notice by itself that the launcher is gone; the system wakes up what has stopped.
+    let hanging = training.child("agent-0");
+    hanging.signal(Signal::SIGSTOP);
+    wait_until("agent 0 to stop", || hanging.has_stopped());
     let before = Instant::now();
     training.signal(Signal::SIGKILL);
     ends_in_time(training, &children, before);

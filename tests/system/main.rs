@@ -16,6 +16,7 @@ mod isolation;
 mod learning;
 mod opponents;
 mod playing;
+mod python_agent;
 mod q_learning;
 mod replay;
 mod resume;
