@@ -109,7 +109,7 @@ fn runs_that_cannot_be_read_are_left_out_and_named() {
     fs::write(seed(8).join("config.toml"), config(1, "[1e-4]", "")).unwrap(); // a copy of seed 1
     fs::create_dir(seed(9)).unwrap(); // made, and nothing in it yet
 
-    let found = super::load_all(&[sweep.clone()], "test_return_mean");
+    let found = super::load_all(std::slice::from_ref(&sweep), "test_return_mean");
     let curves: Vec<_> = found.curves.iter().map(|curve| (curve.seed, curve.points.len())).collect();
     assert_eq!(curves, [(1, 2), (6, 1), (7, 2)]);
     let messages: Vec<String> =

@@ -18,6 +18,7 @@ mod opponents;
 mod playing;
 mod python_agent;
 mod q_learning;
+mod reading;
 mod replay;
 mod resume;
 mod same_command;
