@@ -136,4 +136,39 @@ mod tests {
         n_step_returns(&episode, 1, 0.9, EndOfBatch::Epymarl, &mut out);
         assert_close(&out, &[19.0, 27.0, 38.0, 48.0]);
     }
+    /// Two foraging episodes that end with the last food, worth 1, after 6 and 4 steps; the target critic says 0.9
+    /// everywhere, the padding included.
+    fn ended_by_the_last_food(rule: EndOfBatch, length: usize) -> Vec<f32> {
+        let mut rewards = [0.0; 6];
+        rewards[length - 1] = 1.0;
+        let episode = Episode { rewards: &rewards, values: &[0.9; 7], length, time_limit: false };
+        let mut out = vec![f32::NAN; length];
+        n_step_returns(&episode, 5, 0.99, rule, &mut out);
+        out
+    }
+
+    fn assert_to_three_digits(found: &[f32], expected: &[f32]) {
+        assert_eq!(found.len(), expected.len());
+        for (f, e) in found.iter().zip(expected) {
+            assert!((f - e).abs() < 1e-3, "found {found:?}, expected {expected:?}");
+        }
+    }
+
+    #[test]
+    fn epymarl_expects_more_than_an_episode_can_bring() {
+        // 0.99^5 0.9; then 0.99^k 1 + 0.99^(k+1) 0.9 with k rewardless steps before the last.
+        let long = ended_by_the_last_food(EndOfBatch::Epymarl, 6);
+        assert_to_three_digits(&long, &[0.856, 1.817, 1.835, 1.853, 1.872, 1.891]);
+        // Its first window stops before the padding, where the mask is 0.
+        let short = ended_by_the_last_food(EndOfBatch::Epymarl, 4);
+        assert_to_three_digits(&short, &[0.970, 1.836, 1.854, 1.873]);
+    }
+
+    #[test]
+    fn correct_expects_no_more_than_the_last_food() {
+        let long = ended_by_the_last_food(EndOfBatch::Correct, 6);
+        assert_to_three_digits(&long, &[0.856, 0.961, 0.970, 0.980, 0.990, 1.0]);
+        let short = ended_by_the_last_food(EndOfBatch::Correct, 4);
+        assert_to_three_digits(&short, &[0.970, 0.980, 0.990, 1.0]);
+    }
 }

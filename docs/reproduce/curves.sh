@@ -45,7 +45,7 @@ speaker=mpe-simple-speaker-listener
 case $section in
 lbf-5x5)
     curves lbf-5x5-2p-1f ippo 3e-4 mtppo 4e-4 1e-4 ippo-lbf-5x5-2p-1f \
-        --t-max 100000 --test-interval 20000
+        --profile epymarl --t-max 100000 --test-interval 20000
     ;;
 lbf-5x5-q)
     curves lbf-5x5-2p-1f iql 3e-4 mtql 6e-4 1.5e-4 iql-lbf-5x5-2p-1f \

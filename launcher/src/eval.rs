@@ -8,6 +8,7 @@ use proto::config::{Learner, PolicyTest};
 use proto::exit;
 use serde::Serialize;
 
+use crate::notes;
 use crate::team::Team;
 
 /// Where the result goes without `--json`, in the run folder.
@@ -74,6 +75,9 @@ struct Evaluation<'a> {
     episodes: usize,
     actions: &'static str,
     return_mean: f64,
+    /// Why these returns are not those of the published tables, where a reader could take them for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    not_comparable: Option<String>,
     /// Divisor `k`, as in tests (spec §8.2).
     return_std: f64,
     /// Sample standard deviation (divisor `k - 1`) over the root of `k`; none of a single episode.
@@ -103,6 +107,7 @@ impl Eval {
             episodes: returns.len(),
             actions,
             return_mean,
+            not_comparable: notes::opponent(&team.config),
             return_std: (squares / k).sqrt(),
             return_stderr: (k > 1.0).then(|| (squares / (k - 1.0)).sqrt() / k.sqrt()),
             ep_length_mean: mean(&mut worlds.played().map(|episode| episode.length as f64)),
@@ -117,6 +122,9 @@ impl Eval {
             "  return_mean      {:.4} (standard error {stderr}, standard deviation {:.4})",
             evaluation.return_mean, evaluation.return_std
         );
+        if let Some(why) = &evaluation.not_comparable {
+            println!("  not comparable   {why}");
+        }
         println!("  ep_length_mean   {:.2}", evaluation.ep_length_mean);
         let own: Vec<_> = evaluation.agent_return_means.iter().map(|mean| format!("{mean:.4}")).collect();
         println!("  of each agent    {}", own.join(", "));

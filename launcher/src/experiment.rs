@@ -63,12 +63,13 @@ pub struct Experiment {
     /// Episodes per test
     #[arg(long, value_name = "N")]
     pub test_episodes: Option<u32>,
-    /// The paper's budget, test points, rule version and padding for this task
+    /// The paper's budget, test points, rule version and padding for this task, and the profile epymarl
     #[arg(long)]
     pub paper: bool,
-    /// Published variant of the algorithms: epymarl or benchmark2021
-    #[arg(long, default_value = "epymarl")]
-    pub profile: String,
+    /// Variant of the algorithms: rondo (the default), epymarl (the reference's rule at the end of a batch) or
+    /// benchmark2021 (also the reward statistics of 2021)
+    #[arg(long, value_name = "PROFILE")]
+    pub profile: Option<String>,
     /// Set any key of the configuration, for example `algo.hidden=64`, `q.batch=64` or `schedule.levels=[0,1,1]`
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<String>,
@@ -93,7 +94,7 @@ impl Experiment {
             test_interval: None,
             test_episodes: None,
             paper: false,
-            profile: Profile::Epymarl.as_str().to_owned(),
+            profile: None,
             settings: vec![],
         }
     }
@@ -115,7 +116,15 @@ impl Experiment {
         }
         let family = Family::named(task.family().name);
         let name = named::<AlgoName>(&self.algo, "algorithm", &AlgoName::ALL.map(AlgoName::as_str))?;
-        let profile = named::<Profile>(&self.profile, "profile", &Profile::ALL.map(Profile::as_str))?;
+        let profile = match &self.profile {
+            Some(profile) => named::<Profile>(profile, "profile", &Profile::ALL.map(Profile::as_str))?,
+            None if self.paper => Profile::Epymarl,
+            None => Profile::Rondo,
+        };
+        if self.settings.iter().any(|setting| setting.starts_with("algo.profile=")) {
+            let text = "`--set algo.profile`: a profile is a name for values of other keys; choose it with `--profile`";
+            return Err(Failure::new(exit::CONFIG, text));
+        }
         let agents = task.sizes().agents as u32;
         let mut config = presets::config(run, task.name(), agents, name, family);
         config.seed = self.seed;

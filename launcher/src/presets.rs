@@ -21,7 +21,8 @@ impl Presets {
 fn text() -> String {
     let mut text = String::from(
         "Settings of the paper (multi-timescale learning, CoLLAs 2023), without parameter sharing. `--paper` takes all \
-         of\na column; without it, `rondo train` takes a smaller budget, the newest rules and no padding.\n\n",
+         of\na column except end_of_batch, which is then epymarl; without it, `rondo train` takes a smaller budget, the \
+         newest\nrules and no padding.\n\n",
     );
     for (title, name) in [("mtppo, ippo, sppo", AlgoName::Ippo), ("mtql, iql, sql", AlgoName::Iql)] {
         text += &table(title, name);
@@ -46,6 +47,7 @@ fn table(title: &str, name: AlgoName) -> String {
         add("entropy_coef", &|c| of(c).entropy_coef.to_string(), "paper, appendix");
         add("n_step", &|c| of(c).n_step.to_string(), "paper, appendix");
         add("epochs, clip", &|c| format!("{}, {}", of(c).epochs, of(c).clip), "EPyMARL");
+        add("end_of_batch", &|c| of(c).end_of_batch.to_string(), "our choice: by EPyMARL's, teams unlearn");
     } else {
         let of = |c: &Config| c.q.clone().expect("Q-learning's own section");
         add("buffer, batch", &|c| format!("{}, {}", of(c).buffer, of(c).batch), "EPyMARL, in episodes");
@@ -95,19 +97,32 @@ fn millions(steps: u64) -> String {
 /// What the papers leave open (spec: [OPEN]), and what we take.
 const OPEN: &str = "\
 The papers do not say, so this is our choice; each is a key of the configuration:
-  rates         mtppo and mtql start one step to each side of the centre; sppo and sql at the centre and zero
+  rates         mtppo and mtql start at twice the centre c and at c * 2^(-1/(n-1)) for the n-1 others, which keeps
+                the geometric mean of the team at c (two agents: 2c and c/2); sppo and sql at c and zero. The best
+                pairs are not published, so --paper takes these too
   switch_period 100 update calls, the middle of the published 1 to 10,000
   switch_unit   update calls; for PPO also gradient steps, in multiples of ppo.epochs
   smallest rate 3.75e-5 for Q-learning in foraging, printed as 3.7e-5
   epsilon       1.0 to 0.05 over 50,000 environment steps; 0 in tests
   clip_scope    per agent: processes of their own share no gradient norm (the reference clips the team's)
   frozen_moments at rate 0 Adam's moments follow the gradients, as PyTorch's do
-  profile       epymarl: running reward statistics, and its bootstrapping at the end of a batch; benchmark2021 has
-                the batch's own statistics and never looks at the last observation
+  profile       rondo, the default: running reward statistics, end_of_batch correct; epymarl, which --paper takes:
+                the same statistics, end_of_batch epymarl; benchmark2021: the batch's own statistics, end_of_batch
+                benchmark2021
+
+What the critic expects where a batch ends (ppo.end_of_batch), for episodes that stop early or at the step limit:
+  correct       after the step limit, the target critic's value; after an episode that is over, nothing
+  epymarl       the target critic's value at the end of the longest episode, also after episodes that are over: it
+                then expects more than there is, and foraging teams unlearn by it
+  benchmark2021 the target critic's value one step earlier, in place of the last reward
+  no_bootstrap  nothing, not even after the step limit
+Where every episode ends at the step limit, correct and epymarl are the same.
 ";
 
 #[cfg(test)]
 mod tests {
+    use proto::config::{EndOfBatch, Profile};
+
     use super::*;
 
     #[test]
@@ -123,8 +138,21 @@ mod tests {
             "t_max                          2 M       4 M       2 M   benchmark",
             "rates, centre                 3e-4      5e-4      5e-4   paper, appendix",
             "rules                           v2        v1      2021   by date of the paper",
+            "end_of_batch               correct   correct   correct   our choice: by EPyMARL's, teams unlearn",
         ] {
             assert!(text.contains(line), "{line}\nis not in\n{text}");
+        }
+    }
+
+    #[test]
+    fn every_profile_and_every_rule_for_the_end_of_a_batch_is_explained() {
+        let text = text();
+        for rule in EndOfBatch::ALL {
+            assert!(text.contains(&format!("\n  {:14}", rule.as_str())), "{rule} is not in\n{text}");
+        }
+        let profiles = text.split("\n  profile ").nth(1).and_then(|rest| rest.split("\n\n").next()).unwrap();
+        for profile in Profile::ALL {
+            assert!(profiles.contains(&format!("{profile}")), "{profile} is not in\n{profiles}");
         }
     }
 }

@@ -12,6 +12,7 @@ use serde_json::Value;
 use store::RunFolder;
 
 use crate::display::thousands;
+use crate::notes;
 
 /// The result of a run, as in its result.json.
 #[derive(Debug, Clone, Serialize)]
@@ -24,6 +25,9 @@ pub struct Summary {
     pub update_calls: u64,
     pub test_return_mean: Option<f64>,
     pub best_test_return_mean: Option<f64>,
+    /// Why these returns are not those of the published tables, where a reader could take them for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub not_comparable: Option<String>,
     /// Of this process; a resumed run counts from the resume.
     pub wall_seconds: f64,
     /// From the launcher's start to the first environment step.
@@ -73,6 +77,7 @@ pub fn collect(folder: &RunFolder, config: &Config, start: SystemTime) -> Result
         update_calls: roles.get("agent-0").and_then(|role| role["update_calls"].as_u64()).unwrap_or(0),
         test_return_mean: world["test_return_mean"].as_f64(),
         best_test_return_mean: world["best_test_return_mean"].as_f64(),
+        not_comparable: notes::opponent(config),
         wall_seconds: start.elapsed().unwrap_or_default().as_secs_f64(),
         start_seconds: world["first_step_at"]
             .as_f64()
@@ -111,6 +116,9 @@ impl fmt::Display for Summary {
             number(self.test_return_mean),
             number(self.best_test_return_mean)
         )?;
+        if let Some(why) = &self.not_comparable {
+            writeln!(f, "  not comparable   {why}")?;
+        }
         writeln!(
             f,
             "  environment      {} steps, {} per second, {} update calls",

@@ -12,6 +12,7 @@ use store::RunFolder;
 use crate::display::Show;
 use crate::drive::{drive, Options, Place};
 use crate::experiment::{overridden, Experiment};
+use crate::notes;
 use crate::roles::{Ended, Transport};
 use crate::state;
 use crate::sweep::{self, Part};
@@ -93,6 +94,9 @@ impl Train {
         let algo = &self.experiment.algo;
         // Mistakes are found before anything starts, and the names need the task's canonical spelling.
         let config = self.experiment.configure("check")?;
+        if !self.running.with_launcher {
+            notes::print(&self.experiment, &config);
+        }
         if self.seeds > 1 {
             let out =
                 self.choose(&format!("{}-{algo}", config.world.task), |out| self.no_other_seeds(out))?;
@@ -211,6 +215,7 @@ impl Resume {
         before.validate()?;
         state::check_unchanged(&folder, &before)?;
         let config = self.changed(&before)?;
+        notes::print_opponent(&config);
         if let Some(finished) = state::finished(&folder, &config)? {
             let run = self.run.display();
             println!("{finished}\nhint: `rondo resume {run} --t-max N` trains longer");
@@ -252,7 +257,9 @@ pub struct WriteConfig {
 
 impl WriteConfig {
     pub fn run(&self) -> Result<(), Failure> {
-        print!("{}", self.experiment.configure(&self.run)?.to_toml());
+        let config = self.experiment.configure(&self.run)?;
+        notes::print(&self.experiment, &config);
+        print!("{}", config.to_toml());
         Ok(())
     }
 }

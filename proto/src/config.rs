@@ -272,22 +272,25 @@ impl FromStr for AlgoName {
     }
 }
 
-/// Two published variants of the same algorithm (spec §11).
+/// Variants of the same algorithm: ours and two published ones (spec §11).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Profile {
-    /// EPyMARL as it is today.
+    /// The default: as EPyMARL, but an episode that has come to its end is worth nothing beyond it.
+    Rondo,
+    /// The reference: EPyMARL as it is today.
     Epymarl,
     /// The 2021 benchmark's rules for rewards and for the end of a batch.
     Benchmark2021,
 }
 
 impl Profile {
-    pub const ALL: [Self; 2] = [Self::Epymarl, Self::Benchmark2021];
+    pub const ALL: [Self; 3] = [Self::Rondo, Self::Epymarl, Self::Benchmark2021];
 
     /// As in the configuration file.
     pub fn as_str(self) -> &'static str {
         match self {
+            Self::Rondo => "rondo",
             Self::Epymarl => "epymarl",
             Self::Benchmark2021 => "benchmark2021",
         }
@@ -361,6 +364,26 @@ pub enum EndOfBatch {
     Benchmark2021,
     /// The target critic at each episode's own end if the step limit ended it, else nothing.
     Correct,
+}
+
+impl EndOfBatch {
+    pub const ALL: [Self; 4] = [Self::Correct, Self::Epymarl, Self::Benchmark2021, Self::NoBootstrap];
+
+    /// As in the configuration file.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Epymarl => "epymarl",
+            Self::NoBootstrap => "no_bootstrap",
+            Self::Benchmark2021 => "benchmark2021",
+            Self::Correct => "correct",
+        }
+    }
+}
+
+impl fmt::Display for EndOfBatch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
 }
 
 /// How rewards are scaled before learning (spec §2.6).

@@ -118,26 +118,26 @@ const EPSILON_ANNEAL: u64 = 50_000;
 /// Spec §5.3: the reference's, `[OPEN]` in the paper.
 const TEST_EPSILON: f64 = 0.0;
 
-/// What both kinds of learner have, in profile `epymarl` (spec §§9.1, 9.2, 4.2).
+/// What both kinds of learner have, in the default profile (spec §§9.1, 9.2, 4.2).
 pub fn algo_defaults(name: AlgoName, family: Family) -> Algo {
     let Row { hidden, network, target_update, .. } = family.row(name.learner());
     Algo {
         name,
-        profile: Profile::Epymarl,
+        profile: Profile::Rondo,
         network,
         hidden,
         gamma: GAMMA,
         target_update,
         max_grad_norm: MAX_GRAD_NORM,
         clip_scope: ClipScope::PerAgent,
-        reward_standardisation: standardisation(name, Profile::Epymarl, family),
+        reward_standardisation: standardisation(name, Profile::Rondo, family),
         frozen_moments: FrozenMoments::Update,
         agent_id_input: false,
         last_action_input: false,
     }
 }
 
-/// PPO's own settings in profile `epymarl` (spec §§9.1, 4.2).
+/// PPO's own settings in the default profile (spec §§9.1, 4.2).
 pub fn ppo_defaults(family: Family) -> Ppo {
     let PpoRow { entropy_coef, n_step, .. } = family.ppo();
     Ppo {
@@ -145,7 +145,7 @@ pub fn ppo_defaults(family: Family) -> Ppo {
         clip: CLIP,
         entropy_coef,
         n_step,
-        end_of_batch: EndOfBatch::Epymarl,
+        end_of_batch: end_of_batch(Profile::Rondo),
         policy_test: PolicyTest::Sample,
     }
 }
@@ -170,17 +170,24 @@ pub fn apply_profile(config: &mut Config, profile: Profile, family: Family) {
     config.algo.profile = profile;
     config.algo.reward_standardisation = standardisation(config.algo.name, profile, family);
     if let Some(ppo) = &mut config.ppo {
-        ppo.end_of_batch = match profile {
-            Profile::Epymarl => EndOfBatch::Epymarl,
-            Profile::Benchmark2021 => EndOfBatch::Benchmark2021,
-        };
+        ppo.end_of_batch = end_of_batch(profile);
+    }
+}
+
+/// The reference goes on counting where an episode is over, and foraging teams unlearn by it. No default may do that,
+/// so the default departs from the reference here.
+pub fn end_of_batch(profile: Profile) -> EndOfBatch {
+    match profile {
+        Profile::Rondo => EndOfBatch::Correct,
+        Profile::Epymarl => EndOfBatch::Epymarl,
+        Profile::Benchmark2021 => EndOfBatch::Benchmark2021,
     }
 }
 
 fn standardisation(name: AlgoName, profile: Profile, family: Family) -> RewardStandardisation {
     match (family.row(name.learner()).standardise_rewards, profile) {
         (false, _) => RewardStandardisation::Off,
-        (true, Profile::Epymarl) => RewardStandardisation::Running,
+        (true, Profile::Rondo | Profile::Epymarl) => RewardStandardisation::Running,
         (true, Profile::Benchmark2021) => RewardStandardisation::Batch,
     }
 }
@@ -197,25 +204,34 @@ pub fn rate_grid(learner: Learner, family: Family) -> &'static [f64] {
     }
 }
 
-/// The rates `(fast, slow)` to start from, all on the published grid (spec §9.3).
+/// The rates `(fast, slow)` to start from.
 ///
-/// Independent learning takes the grid's centre, which is the benchmark's rate; sequential learning takes it for
-/// the one agent that learns. Which pairs were best for multi-timescale learning is not published: a factor of two
-/// to each side of the centre is our choice.
-pub fn default_rates(name: AlgoName, family: Family) -> (f64, f64) {
+/// Independent learning takes the centre of the published grid (spec §9.3), which is the benchmark's rate; sequential
+/// learning takes it for the one agent that learns. Which pairs were best for multi-timescale learning is not
+/// published. Our choice is twice the centre for the fast agent, and for the `n − 1` slow ones the rate that keeps the
+/// team's geometric mean at the centre `c`, so that a team of any size learns as fast as an independent one on average:
+///
+/// ```text
+/// 2c · (c · 2^(−1/(n−1)))^(n−1) = c^n
+/// ```
+///
+/// With a slow rate of `c/2` for every team size, the mean of ten agents would be `0.57 c`. A slow rate is on the
+/// grid in a team of two only.
+pub fn default_rates(name: AlgoName, family: Family, agents: u32) -> (f64, f64) {
     let grid = rate_grid(name.learner(), family);
-    let centre = grid.len() / 2;
+    let centre = grid[grid.len() / 2];
     match name.timescales() {
-        Timescales::One => (grid[centre], grid[centre]),
-        Timescales::Many => (grid[centre + 1], grid[centre - 1]),
-        Timescales::OneAtATime => (grid[centre], 0.0),
+        Timescales::One => (centre, centre),
+        Timescales::Many if agents < 2 => (centre, centre),
+        Timescales::Many => (2.0 * centre, centre * (-1.0 / f64::from(agents - 1)).exp2()),
+        Timescales::OneAtATime => (centre, 0.0),
     }
 }
 
 /// The paper's pattern: agent 0 begins at the fast rate, all others at the slow one (spec §6.1). A team of one has
-/// the fast rate alone.
+/// one rate.
 pub fn default_schedule(name: AlgoName, family: Family, agents: u32) -> Schedule {
-    let (fast, slow) = default_rates(name, family);
+    let (fast, slow) = default_rates(name, family, agents);
     let rates = if agents > 1 { vec![fast, slow] } else { vec![fast] };
     Schedule {
         rates,
@@ -327,21 +343,40 @@ mod tests {
     }
 
     #[test]
+    fn no_default_counts_on_after_an_episode_is_over() {
+        for family in Family::ALL {
+            assert_eq!(ppo_defaults(family).end_of_batch, EndOfBatch::Correct, "{family:?}");
+            for name in AlgoName::ALL {
+                let ppo = config("r", "t", 2, name, family).ppo;
+                assert!(ppo.is_none_or(|ppo| ppo.end_of_batch == EndOfBatch::Correct), "{name} {family:?}");
+            }
+        }
+    }
+
+    #[test]
     fn the_profiles_differ_in_rewards_and_in_the_end_of_a_batch_only() {
         for family in Family::ALL {
             for name in [AlgoName::Ippo, AlgoName::Iql] {
-                let epymarl = config("r", "t", 2, name, family);
-                let mut benchmark = epymarl.clone();
-                apply_profile(&mut benchmark, Profile::Benchmark2021, family);
-                let expected = match epymarl.algo.reward_standardisation {
+                let ours = config("r", "t", 2, name, family);
+                assert_eq!(ours.algo.profile, Profile::Rondo);
+                let batch = match ours.algo.reward_standardisation {
                     RewardStandardisation::Running => RewardStandardisation::Batch,
                     _ => RewardStandardisation::Off,
                 };
-                assert_eq!(benchmark.algo.reward_standardisation, expected);
-                assert!(benchmark.ppo.iter().all(|ppo| ppo.end_of_batch == EndOfBatch::Benchmark2021));
-                assert_eq!(benchmark.algo.profile, Profile::Benchmark2021);
-                apply_profile(&mut benchmark, Profile::Epymarl, family);
-                assert_eq!(benchmark, epymarl);
+                let mut config = ours.clone();
+                for (profile, standardisation, rule) in [
+                    (Profile::Epymarl, ours.algo.reward_standardisation, EndOfBatch::Epymarl),
+                    (Profile::Benchmark2021, batch, EndOfBatch::Benchmark2021),
+                ] {
+                    apply_profile(&mut config, profile, family);
+                    let mut expected = ours.clone();
+                    expected.algo.profile = profile;
+                    expected.algo.reward_standardisation = standardisation;
+                    expected.ppo.iter_mut().for_each(|ppo| ppo.end_of_batch = rule);
+                    assert_eq!(config, expected);
+                }
+                apply_profile(&mut config, Profile::Rondo, family);
+                assert_eq!(config, ours);
             }
         }
     }
@@ -368,13 +403,31 @@ mod tests {
 
     #[test]
     fn the_default_rates_make_each_algorithm_what_its_name_says() {
-        assert_eq!(default_rates(AlgoName::Ippo, Family::Lbf), (1e-4, 1e-4));
-        assert_eq!(default_rates(AlgoName::Mtppo, Family::Lbf), (2e-4, 5e-5));
-        assert_eq!(default_rates(AlgoName::Sppo, Family::Rware), (5e-4, 0.0));
-        assert_eq!(default_rates(AlgoName::Mtql, Family::Lbf), (6e-4, 1.5e-4));
-        assert_eq!(default_rates(AlgoName::Sql, Family::Mpe), (5e-4, 0.0));
+        for agents in [2, 10] {
+            assert_eq!(default_rates(AlgoName::Ippo, Family::Lbf, agents), (1e-4, 1e-4));
+            assert_eq!(default_rates(AlgoName::Sppo, Family::Rware, agents), (5e-4, 0.0));
+            assert_eq!(default_rates(AlgoName::Sql, Family::Mpe, agents), (5e-4, 0.0));
+        }
+        assert_eq!(default_rates(AlgoName::Mtppo, Family::Lbf, 2), (2e-4, 5e-5));
+        assert_eq!(default_rates(AlgoName::Mtql, Family::Lbf, 2), (6e-4, 1.5e-4));
         let schedule = default_schedule(AlgoName::Mtppo, Family::Smac, 3);
-        assert_eq!((schedule.rates, schedule.levels), (vec![1e-3, 2.5e-4], vec![0, 1, 1]));
+        assert_eq!((schedule.rates, schedule.levels), (vec![1e-3, 5e-4 * 0.5_f64.sqrt()], vec![0, 1, 1]));
+    }
+
+    #[test]
+    fn a_team_of_any_size_has_the_geometric_mean_rate_of_an_independent_one() {
+        for (name, independent) in [(AlgoName::Mtppo, AlgoName::Ippo), (AlgoName::Mtql, AlgoName::Iql)] {
+            for family in Family::ALL {
+                for agents in [1, 2, 3, 4, 10, 64] {
+                    let centre = default_rates(independent, family, agents).0;
+                    let schedule = default_schedule(name, family, agents);
+                    let rate_of = |&level: &u32| schedule.rates[level as usize] / centre;
+                    let product: f64 = schedule.levels.iter().map(rate_of).product();
+                    assert!((product - 1.0).abs() < 1e-12, "{name} {family:?} {agents}: {product}");
+                    assert!(agents == 1 || schedule.rates[0] == 2.0 * centre, "{name} {family:?} {agents}");
+                }
+            }
+        }
     }
 
     #[test]

@@ -30,8 +30,14 @@ fn unknown_names_are_answered_with_the_nearest_known_one() {
         78,
         &["error: unknown algorithm `mtpo`: expected ippo, mtppo, sppo, iql, mtql, sql; did you mean `mtppo`?"],
     );
-    refused(&["train", "--profile=epymarll"])
-        .fails_with(78, &["unknown profile `epymarll`", "did you mean `epymarl`?"]);
+    refused(&["train", "--profile=epymarll"]).fails_with(
+        78,
+        &["unknown profile `epymarll`: expected rondo, epymarl, benchmark2021; did you mean `epymarl`?"],
+    );
+    refused(&["train", "--set=algo.profile=epymarl"]).fails_with(
+        78,
+        &["`--set algo.profile`: a profile is a name for values of other keys", "`--profile`"],
+    );
     refused(&["train", "--set=algo.hiden=64"])
         .fails_with(78, &["`algo.hiden` is not a key; did you mean `algo.hidden`?"]);
     refused(&["train", "--set=alog.hidden=64"])

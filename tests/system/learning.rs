@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::cluster::{experiment, Cluster};
+use crate::cluster::{experiment, rondo, Cluster, Process};
 use crate::q_learning::{foraging_with, speaking_with};
 
 /// Digests of each agent's weights after a run of PPO in threads, with these words added.
@@ -90,4 +90,60 @@ fn in_sequential_q_learning_everything_of_an_agent_stands_still_for_as_long_as_o
     let ([stood, still], [was, learned]) = (saved("agent-0"), saved("agent-1"));
     assert!(stood == still, "agent 0 has no turn between the two");
     assert!(was != learned, "agent 1 has");
+}
+
+/// The digest of a run in threads.
+fn digest(experiment: &[String], words: &[&str]) -> String {
+    let cluster = Cluster::new();
+    cluster.train("run", experiment.to_vec(), words.iter().copied().chain(["--in-process"])).succeeds();
+    cluster.digest("run")
+}
+
+#[test]
+fn the_rules_for_the_end_of_a_batch_differ_where_episodes_end_early() {
+    // Long enough to have episodes that end less than a window before the longest of their batch.
+    let foraging = experiment(1, 6_000);
+    let of = |words: &[&str]| digest(&foraging, words);
+    let (correct, epymarl) =
+        (of(&["--set=ppo.end_of_batch=correct"]), of(&["--set=ppo.end_of_batch=epymarl"]));
+    assert_ne!(correct, epymarl);
+    // The default is the first of them, the reference's profile brings the second.
+    assert_eq!(of(&[]), correct);
+    assert_eq!(of(&["--profile=epymarl"]), epymarl);
+}
+
+#[test]
+fn the_rules_for_the_end_of_a_batch_are_one_where_every_episode_has_full_length() {
+    let words = ["mpe-simple-speaker-listener", "--t-max=1500", "--test-episodes=2", "--set=algo.hidden=8"];
+    let speaking: Vec<String> = words.map(str::to_owned).into();
+    let of = |rule: &str| digest(&speaking, &[&format!("--set=ppo.end_of_batch={rule}")]);
+    let correct = of("correct");
+    assert_eq!(of("epymarl"), correct);
+    // The rule is used all the same.
+    assert_ne!(of("no_bootstrap"), correct);
+}
+
+#[test]
+fn a_command_that_brings_the_references_rule_says_so_once() {
+    let note = |by: &str| format!("note: `{by}` brings ppo.end_of_batch = epymarl, the reference's rule, ");
+    let config = |words: &[&str]| {
+        let mut command = rondo();
+        command.arg("config").args(words);
+        Process::start(command).succeeds()
+    };
+    for (words, by) in [(&["--paper"][..], "--paper"), (&["--profile=epymarl"], "--profile epymarl")] {
+        let ended = config(words);
+        assert_eq!(ended.stderr.matches(&note(by)).count(), 1, "{ended:#?}");
+        assert!(ended.stdout.contains("\nprofile = \"epymarl\"\n"), "{ended:#?}");
+        assert!(ended.stdout.contains("\nend_of_batch = \"epymarl\"\n"), "{ended:#?}");
+    }
+    for words in [&[][..], &["--paper", "--set=ppo.end_of_batch=correct"], &["--paper", "--algo=iql"]] {
+        assert_eq!(config(words).stderr, "", "{words:?}");
+    }
+    // One note, whatever trains behind it.
+    let cluster = Cluster::new();
+    let words = ["--seeds=2", "--profile=epymarl", "--in-process"];
+    let ended = cluster.train("seeds", experiment(1, 500), words).succeeds();
+    assert_eq!(ended.stderr.matches("note: ").count(), 1, "{ended:#?}");
+    assert!(ended.stderr.contains(&note("--profile epymarl")), "{ended:#?}");
 }

@@ -245,3 +245,55 @@ fn a_run_in_processes_keeps_its_opponent_through_a_kill() {
     cluster.resume("run").succeeds();
     assert_eq!(cluster.digest("run"), undisturbed);
 }
+
+/// What a run's `result.json` says about comparing its returns with published ones.
+fn not_comparable(cluster: &Cluster, run: &str) -> serde_json::Value {
+    let text = fs::read_to_string(cluster.path(run).join("result.json")).expect("a result");
+    let result: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    result["not_comparable"].clone()
+}
+
+#[test]
+fn a_run_against_our_own_opponent_says_that_the_papers_is_another_one() {
+    let says = |task: &str, who: &str| {
+        format!("the opponent in {task} is Rondo's own ({who}), not the reference's, which is not included: returns ")
+    };
+    for game in ["mpe-simple-tag", "mpe-simple-adversary"] {
+        let cluster = Cluster::new();
+        let words = || tag().into_iter().map(|word| word.replace("mpe-simple-tag", game)).collect();
+        let ended = cluster.train("paper", words(), ["--paper", "--in-process"]).succeeds();
+        let expected = says(&format!("{game}-2021"), "builtin");
+        let note = format!("note: {expected}");
+        assert_eq!(ended.stderr.matches(&note).count(), 1, "{ended:#?}");
+        assert!(ended.stdout.contains(&format!("not comparable   {expected}")), "{ended:#?}");
+        let result = not_comparable(&cluster, "paper");
+        assert!(result.as_str().is_some_and(|text| text.starts_with(&expected)), "{result}");
+
+        // Going on with it, and looking at it.
+        let ended = cluster.resume_with("paper", ["--t-max=7000", "--in-process"]).succeeds();
+        assert_eq!(ended.stderr.matches(&note).count(), 1, "{ended:#?}");
+        let mut eval = rondo();
+        eval.arg("eval").arg(cluster.path("paper")).arg("--episodes=2");
+        let ended = Process::start(eval).succeeds();
+        assert!(ended.stdout.contains(&format!("not comparable   {expected}")), "{ended:#?}");
+    }
+    let cluster = Cluster::new();
+    let ended = cluster.train("random", tag(), ["--opponent=random", "--in-process"]).succeeds();
+    assert!(ended.stderr.contains(&says("mpe-simple-tag", "random")), "{ended:#?}");
+}
+
+#[test]
+fn a_run_without_an_opponent_of_ours_says_nothing_about_it() {
+    let cluster = Cluster::new();
+    let (_, word) = opponent_file(&cluster, "network.safetensors", &network(PREY_SEES, 1));
+    let speaking =
+        || tag().into_iter().map(|word| word.replace("simple-tag", "simple-speaker-listener")).collect();
+    let weights = cluster.train("weights", tag(), [word.as_str(), "--in-process"]).succeeds();
+    let speaker =
+        cluster.train("speaker", speaking(), ["--paper", "--profile=rondo", "--in-process"]).succeeds();
+    for (run, ended) in [("weights", weights), ("speaker", speaker)] {
+        assert_eq!(ended.stderr, "", "{run}");
+        assert!(!ended.stdout.contains("not comparable"), "{ended:#?}");
+        assert!(not_comparable(&cluster, run).is_null(), "{run}");
+    }
+}

@@ -1,11 +1,18 @@
-//! The three versions of the particle rules: today's packages, EPyMARL's view of them, and the 2021 study.
+//! The three versions of the particle rules: the maintained packages, EPyMARL's view of them, and the 2021 study.
+//!
+//! `current` means the release 1.1.1 of `mpe2`. Its worlds are those of `pettingzoo` 1.24.3 to the last bit: every
+//! recorded episode was played with both. The repository of `mpe2` has changed a reward after that release. The
+//! change is **not** in `current`: no release with it was published when the episodes were recorded, and which of the
+//! three games it changes, and how, has not been established here. Before `current` follows a later release, record
+//! episodes with it and compare (`rondo replay`); if a number differs, it is another version of the rules with a name
+//! of its own.
 
 use std::fmt;
 
 /// A version of the rules, by the suffix of task names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rules {
-    /// The package as it is (spec §§5-6); networks steer as they were trained to (spec §8).
+    /// The package in its release 1.1.1 (spec §§5-6); networks steer as they were trained to (spec §8).
     Current,
     /// As [`Rules::Current`], but the outcome of the last step is lost (spec §7) and the opponent's choice is
     /// not translated into this world's directions, so that it steers backwards (spec §8).

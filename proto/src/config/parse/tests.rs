@@ -33,7 +33,7 @@ reward = "sum"
 
 [algo]
 name = "mtppo"
-profile = "epymarl"
+profile = "rondo"
 network = "gru"
 hidden = 128
 gamma = 0.99
@@ -50,7 +50,7 @@ epochs = 4
 clip = 0.2
 entropy_coef = 0.001
 n_step = 5
-end_of_batch = "epymarl"
+end_of_batch = "correct"
 policy_test = "sample"
 
 [schedule]
@@ -111,7 +111,7 @@ fn the_digest_changes_with_every_key() {
         |c| c.algo.target_update = 0.01,
         |c| c.algo.max_grad_norm = c.algo.max_grad_norm.next_down(),
         |c| c.algo.clip_scope = ClipScope::Joint,
-        |c| c.ppo.as_mut().unwrap().end_of_batch = EndOfBatch::Correct,
+        |c| c.ppo.as_mut().unwrap().end_of_batch = EndOfBatch::Epymarl,
         |c| c.algo.reward_standardisation = RewardStandardisation::Batch,
         |c| c.algo.frozen_moments = FrozenMoments::Hold,
         |c| c.algo.agent_id_input = true,
@@ -234,5 +234,14 @@ fn a_file_cut_off_anywhere_is_refused() {
     let complete = text.trim_end().len();
     for end in 0..complete {
         assert!(Config::from_toml(&text[..end]).is_err(), "{:?}", &text[..end]);
+    }
+}
+
+#[test]
+fn a_rule_for_the_end_of_a_batch_is_printed_as_it_is_written() {
+    for rule in EndOfBatch::ALL {
+        let mut config = example();
+        config.ppo.as_mut().unwrap().end_of_batch = rule;
+        assert!(config.to_toml().contains(&format!("end_of_batch = \"{rule}\"\n")), "{rule}");
     }
 }
