@@ -6,8 +6,9 @@
 //! # Shape
 //!
 //! A star of peers. Roles that serve listen on explicit endpoints, all others dial them and listen
-//! nowhere; scouting is off. Peers do not forward, so a dialling side receives what the listening side
-//! sends it and nothing that another dialling side published. A router in the middle would add two hops
+//! nowhere; scouting is off. Peers do not forward to peers, so a dialling side receives what the listening
+//! side sends it and nothing that another dialling side published. A peer does forward between a client or
+//! a router and everybody else, so sessions in those modes are refused. A router in the middle would add two hops
 //! to every message and would forward between agents.
 //!
 //! # Order

@@ -101,6 +101,10 @@ pub(crate) fn config(
         // It is not needed: to a peer that has not yet told what it wants, zenoh sends everything.
         "open": { "return_conditions": { "connect_scouted": false } },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
+        // Peers only. A peer would forward between a client or a router and everybody else, in both directions. This
+        // names routers as the ones to serve as a gateway, which a peer cannot do, so that they are refused; clients
+        // are refused because they are not named.
+        "gateway": { "south": [{ "filters": [{ "modes": ["router"] }] }] },
         "transport": {
             // zenoh allows only one of the two.
             "unicast": { "lowlatency": options.low_latency, "qos": { "enabled": !options.low_latency } },
@@ -164,5 +168,7 @@ mod tests {
         assert_eq!(value("scouting/multicast/enabled"), "false");
         assert_eq!(value("scouting/gossip/enabled"), "false");
         assert_eq!(value("open/return_conditions/connect_scouted"), "false");
+        let south: serde_json::Value = serde_json::from_str(&value("gateway/south")).unwrap();
+        assert_eq!(south[0]["filters"][0]["modes"], json!(["router"]));
     }
 }

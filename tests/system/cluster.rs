@@ -126,6 +126,11 @@ pub fn role(program: &str) -> Command {
     Command::new(path)
 }
 
+/// A zenoh session that is no role; cargo builds it with the tests of the workspace.
+pub fn outsider() -> Command {
+    role("examples/outsider")
+}
+
 /// How a process ended and what it said.
 #[derive(Debug)]
 pub struct Ended {
@@ -173,12 +178,16 @@ impl Process {
         self.stderr.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// What it has said on stdout so far.
+    pub fn stdout(&self) -> String {
+        self.stdout.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// The rest of the first line on stdout that begins with `listening `.
     pub fn endpoint(&self) -> String {
         let mut found = None;
         wait_until("a role that listens", || {
-            let stdout = self.stdout.lock().unwrap_or_else(PoisonError::into_inner);
-            found = stdout.lines().find_map(|line| line.strip_prefix("listening ")).map(str::to_owned);
+            found = self.stdout().lines().find_map(|line| line.strip_prefix("listening ")).map(str::to_owned);
             found.is_some() || !self.is_alive()
         });
         found.unwrap_or_else(|| panic!("it ended: {}", self.stderr()))

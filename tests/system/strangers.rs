@@ -10,7 +10,7 @@ use proto::config::Config;
 use proto::control::{Join, Progress, Refusal, Welcome};
 use proto::keys::Keys;
 
-use crate::cluster::{short, undisturbed};
+use crate::cluster::{experiment, outsider, short, undisturbed, wait_until, Cluster, Process};
 use crate::hosts::Hosts;
 
 /// How long a stranger waits for an answer.
@@ -114,6 +114,34 @@ fn a_run_comes_to_its_digest_while_strangers_send_garbage_on_every_key() {
     assert_eq!(hosts.merged_digest(), undisturbed());
 }
 
+/// zenoh would forward between them and the team: a client at the env-server would receive every observation.
+#[test]
+fn clients_and_routers_are_refused_at_every_endpoint_of_a_run() {
+    let cluster = Cluster::new();
+    let run = cluster.train("run", experiment(1, 1_000_000), [""; 0]);
+    cluster.run("run").reaches(500);
+    let keys = Keys::new("run").expect("a good name");
+    let dial = |name: &str, mode: &str, keys: &[String]| {
+        let mut command = outsider();
+        let socket = cluster.path("run").join("bus").join(name);
+        command.arg(mode).arg(format!("unixsock-stream/{}", socket.display())).args(keys);
+        Process::start(command)
+    };
+    let sockets = ["world.sock", "coordinator.sock", "monitor.sock"];
+    let cases = sockets.iter().flat_map(|name| ["client", "router"].map(|mode| (*name, mode)));
+    let attempts = [keys.observe(0), keys.act(0), keys.schedule(), keys.progress(0), keys.agent_metrics(0)];
+    let outsiders: Vec<_> = cases.map(|(name, mode)| (name, mode, dial(name, mode, &attempts))).collect();
+    for (name, mode, outsider) in &outsiders {
+        wait_until("an outsider to be refused, or to be served", || !outsider.stdout().is_empty());
+        let said = outsider.stdout();
+        assert!(said.lines().all(|line| line == "refused"), "a {mode} at {name}: {said}");
+    }
+    // The same program as a peer, which only receives, is served: it is able to.
+    let peer = dial("world.sock", "peer", &[]);
+    wait_until("an observation", || peer.stdout().contains(&format!("received {}", keys.observe(0))));
+    assert!(run.is_alive(), "{}", run.stderr());
+}
+
 #[test]
 fn peers_of_another_version_or_configuration_are_refused_with_the_reason() {
     let hosts = Hosts::new(short());
@@ -124,7 +152,7 @@ fn peers_of_another_version_or_configuration_are_refused_with_the_reason() {
     let ask = |id: u32, question: &[u8]| {
         // Until the env-server has declared that it answers, there is no reply.
         let mut reply = None;
-        crate::cluster::wait_until("a refusal", || {
+        wait_until("a refusal", || {
             reply = stranger.ask(&keys().join(id), question, ANSWER).expect("it can ask");
             reply.is_some()
         });

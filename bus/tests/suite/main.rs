@@ -1,6 +1,7 @@
 //! One suite for every kind of bus, then what only the zenoh bus or only the one in memory promises.
 
 mod memory;
+mod outsiders;
 mod star;
 mod support;
 
