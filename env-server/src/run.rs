@@ -45,6 +45,9 @@ struct Saved {
 pub fn run(role: Role, start_over: bool) -> Result<Closed, Failure> {
     let Role { ref bus, ref config, ref keys, ref events, ref folder, wait, .. } = role;
     let task = task(config, folder.run())?;
+    if let Some(warning) = task.warning() {
+        tracing::warn!(task = task.name(), "{warning}");
+    }
     let agents = config.world.agents;
 
     let mut guards = Vec::new();

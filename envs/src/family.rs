@@ -54,6 +54,8 @@ pub enum Refusal {
     Name(String),
     /// The name has a meaning, and that world cannot exist.
     Impossible(String),
+    /// The name means a world of another package that is not here.
+    Missing(String),
     /// There is no such version of the rules.
     Rules(String),
     /// The task has no opponent, or that one cannot play in it.

@@ -17,6 +17,7 @@
 // docs/add-a-world.md is the same text there, as a doctest and as a file in this folder.
 extern crate self as envs;
 
+mod elsewhere;
 mod family;
 mod opponent;
 mod padded;

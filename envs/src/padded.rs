@@ -32,6 +32,10 @@ impl World for Padded {
         &self.sizes
     }
 
+    fn warning(&self) -> Option<String> {
+        self.world.warning()
+    }
+
     fn reset(&mut self, rng: &mut dyn RngCore) {
         self.world.reset(rng);
     }

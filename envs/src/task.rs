@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::elsewhere;
 use crate::family::{Family, Made, Refusal, Request, FAMILIES};
 use crate::padded::{needs_padding, Padded};
 use crate::{Opponent, Sizes, World};
@@ -35,6 +36,8 @@ pub enum UnknownTask {
     NoSuchTask { name: String, nearest: &'static str },
     #[error("there is no task `{name}`: {why}; the nearest known one is `{nearest}`")]
     BadName { name: String, why: String, nearest: &'static str },
+    #[error("there is no task `{name}`: {why}")]
+    Missing { name: String, why: String },
     #[error("task `{name}` cannot be played: {why}")]
     Impossible { name: String, why: String },
     #[error("task `{name}` has no rules `{found}`; there are {known}")]
@@ -68,8 +71,11 @@ fn nearest(name: &str) -> &'static str {
 
 impl Task {
     fn made(request: &Request) -> Result<Task, UnknownTask> {
-        let made = FAMILIES.iter().find_map(|family| Some((*family, (family.make)(request)?)));
         let name = request.name.to_owned();
+        if let Some(why) = elsewhere::why_not_here(&name) {
+            return Err(UnknownTask::Missing { name, why });
+        }
+        let made = FAMILIES.iter().find_map(|family| Some((*family, (family.make)(request)?)));
         let Some((family, made)) = made else {
             return Err(UnknownTask::NoSuchTask { nearest: nearest(&name), name });
         };
@@ -79,6 +85,7 @@ impl Task {
                 Some(rules) => UnknownTask::Impossible { name, why: format!("{why} (rules {rules})") },
                 None => UnknownTask::Impossible { name, why },
             },
+            Refusal::Missing(why) => UnknownTask::Missing { name, why },
             Refusal::Rules(found) => UnknownTask::NoSuchRules { name, found, known: family.rules.join(", ") },
             Refusal::Opponent(why) => UnknownTask::Opponent { name, why },
         })?;
@@ -102,6 +109,11 @@ impl Task {
     /// The package and release whose rules these are.
     pub fn source(&self) -> &'static str {
         self.source
+    }
+
+    /// What a user should know before a team learns it: see [`World::warning`].
+    pub fn warning(&self) -> Option<String> {
+        self.world.warning()
     }
 
     /// The same task under another version of the rules.

@@ -12,6 +12,11 @@ pub trait World: Send {
     /// Numbers that stay the same for the life of the world.
     fn sizes(&self) -> &Sizes;
 
+    /// What a user should know before a team learns here, where the world is not all that its name promises.
+    fn warning(&self) -> Option<String> {
+        None
+    }
+
     /// Starts a new episode. All of its start comes from `rng`; nothing is left of the episode before.
     fn reset(&mut self, rng: &mut dyn RngCore);
 

@@ -37,12 +37,10 @@ pub enum Impossible {
     Crowd { players: u16, cells: u32 },
     #[error("there must be at least 1 food, or an episode is over at once")]
     NoFood,
-    #[error("{foods} foods and {players} players do not fit on the {cells} cells of the grid")]
-    Full { foods: u16, players: u16, cells: u32 },
-    #[error(
-        "no more than {room} foods can ever lie on this grid (not on the border, three steps apart), not {foods}"
-    )]
-    Foods { foods: u16, room: u32 },
+    #[error("{players} players take all {cells} cells of the grid, so no food can ever be placed")]
+    Full { players: u16, cells: u32 },
+    #[error("the number of foods must be 1 to {cells}, one for each cell of the grid, not {found}")]
+    Foods { found: u16, cells: u32 },
     #[error("a player must see at least 1 cell far, not {found}")]
     Sight { found: u16 },
     #[error("the penalty must be a finite number, not {found}")]
@@ -52,7 +50,8 @@ pub enum Impossible {
 }
 
 impl Config {
-    /// Whether a world can be built at all. Traces may ask a reset for more foods than ever find room.
+    /// Whether a world can be built. A reset may be asked for more foods than find room, as in the reference:
+    /// see [`Config::warning`].
     pub(super) fn check(&self) -> Result<(), Impossible> {
         for (axis, found) in [("the number of rows", self.rows), ("the number of columns", self.cols)] {
             if !(3..=MAX_SIDE).contains(&found) {
@@ -72,8 +71,11 @@ impl Config {
             return Err(Impossible::NoFood);
         }
         let cells = u32::from(self.rows) * u32::from(self.cols);
-        if u32::from(players) + u32::from(foods) > cells {
-            return Err(Impossible::Full { foods, players, cells });
+        if u32::from(players) == cells {
+            return Err(Impossible::Full { players, cells });
+        }
+        if u32::from(foods) > cells {
+            return Err(Impossible::Foods { found: foods, cells });
         }
         if self.sight == 0 {
             return Err(Impossible::Sight { found: self.sight });
@@ -87,12 +89,14 @@ impl Config {
         Ok(())
     }
 
-    /// Also whether a reset can place what is asked for.
-    pub(super) fn check_room(&self) -> Result<(), Impossible> {
-        self.check()?;
-        match super::capacity::shortfall(self.rows, self.cols, self.foods) {
-            Some(room) => Err(Impossible::Foods { foods: self.foods, room }),
-            None => Ok(()),
-        }
+    /// What a user should know about a world that is not what its numbers promise: a reset places as many foods
+    /// as find room (spec §3, rule 4), and observations keep a place for each that was asked for.
+    pub(super) fn warning(&self) -> Option<String> {
+        let foods = self.foods;
+        let room = super::capacity::shortfall(self.rows, self.cols, foods)?;
+        Some(format!(
+            "a reset places at most {room} of the {foods} foods: none lies on the border, and any two are at least \
+             three steps apart"
+        ))
     }
 }

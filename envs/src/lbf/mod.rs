@@ -6,6 +6,7 @@
 mod capacity;
 mod config;
 mod name;
+mod registered;
 mod reset;
 mod rules;
 mod scene;
@@ -51,7 +52,8 @@ fn make(request: &Request) -> Option<Result<Made, Refusal>> {
     let config = match parse(request.name)? {
         Ok(config) => config,
         Err(NameError::Impossible(why)) => return Some(Err(Refusal::Impossible(why.to_string()))),
-        Err(why) => return Some(Err(Refusal::Name(why.to_string()))),
+        Err(why @ NameError::Part { .. }) => return Some(Err(Refusal::Name(why.to_string()))),
+        Err(why) => return Some(Err(Refusal::Missing(why.to_string()))),
     };
     Some(made(config, request))
 }
@@ -258,6 +260,10 @@ impl Foraging {
 impl World for Foraging {
     fn sizes(&self) -> &Sizes {
         &self.sizes
+    }
+
+    fn warning(&self) -> Option<String> {
+        self.config.warning()
     }
 
     fn reset(&mut self, rng: &mut dyn RngCore) {

@@ -1,6 +1,6 @@
 //! The names of foraging tasks, and the reference's spellings of them.
 
-use super::{Config, Impossible, Rules};
+use super::{registered, Config, Impossible, Rules};
 
 /// The form of a name, for messages.
 pub(crate) const FORM: &str = "lbf-[{sight}s-]{rows}x{cols}-{players}p-{foods}f[-coop][-v0|-v1|-v2|-v3]";
@@ -12,20 +12,30 @@ const EPISODE_LIMIT: u32 = 50;
 pub(crate) enum NameError {
     #[error("expected {expected}, found {found}; the form is {FORM}")]
     Part { expected: &'static str, found: String },
+    #[error(
+        "no release of lbforaging registers `foraging-{id}` ({limits}){elsewhere}; Rondo's own name for these numbers \
+         is `{own}`"
+    )]
+    Unregistered { id: String, limits: &'static str, elsewhere: &'static str, own: String },
+    #[error("its players see the grid as layers of numbers; Rondo has the world with vectors, `{own}`")]
+    Grid { own: String },
+    #[error("`{word}` {effect}, and no name here has that; without it the world is `{own}`")]
+    Variant { word: &'static str, effect: &'static str, own: String },
     #[error(transparent)]
     Impossible(#[from] Impossible),
 }
 
-/// Reads a name; `None` when it is of another family. The case of letters does not matter, and names of the
-/// reference (`Foraging-8x8-2p-2f-coop-v3`, also behind `lbforaging:`) mean the same.
+/// Reads a name; `None` when it is of another family. The case of letters does not matter, and the ids that the
+/// reference registers (`Foraging-8x8-2p-2f-coop-v3`, also behind `lbforaging:`) mean the same as there.
 pub(crate) fn parse(name: &str) -> Option<Result<Config, NameError>> {
     let name = name.to_ascii_lowercase();
-    let reference = name.strip_prefix("lbforaging:").unwrap_or(&name).strip_prefix("foraging-");
-    let parts = reference.or_else(|| name.strip_prefix("lbf-"))?;
-    Some(parse_parts(parts))
+    match name.strip_prefix("lbforaging:").unwrap_or(&name).strip_prefix("foraging-") {
+        Some(id) => Some(registered::parse(id)),
+        None => name.strip_prefix("lbf-").map(parse_parts),
+    }
 }
 
-fn parse_parts(parts: &str) -> Result<Config, NameError> {
+pub(super) fn parse_parts(parts: &str) -> Result<Config, NameError> {
     let mut parts = parts.split('-').peekable();
     let sight = parts.next_if(|part| part.ends_with('s')).map(|part| {
         let sight = number(part, "s");
@@ -60,7 +70,7 @@ fn parse_parts(parts: &str) -> Result<Config, NameError> {
     let sight = sight.unwrap_or(all).min(all);
     let episode_limit = EPISODE_LIMIT;
     let config = Config { rows, cols, players, foods, coop, sight, penalty: 0.0, episode_limit, rules };
-    config.check_room()?;
+    config.check()?;
     Ok(config)
 }
 
@@ -168,16 +178,20 @@ mod tests {
     fn numbers_that_cannot_work_are_refused_with_the_reason() {
         for (name, expected) in [
             ("lbf-2x8-1p-1f", "the number of rows must be 3 to 255 (no food lies on the border), not 2"),
-            ("lbf-8x256-1p-1f", "the number of columns must be 3 to 255 (no food lies on the border), not 256"),
+            (
+                "lbf-8x256-1p-1f",
+                "the number of columns must be 3 to 255 (no food lies on the border), not 256",
+            ),
             ("lbf-8x8-0p-2f", "the number of players must be 1 to 64, not 0"),
             ("lbf-8x8-65p-2f", "the number of players must be 1 to 64, not 65"),
             ("lbf-3x3-10p-1f", "10 players do not fit on 9 cells, which is where they start on this grid"),
             ("lbf-3x3-5p-1f-v1", "5 players do not fit on 4 cells, which is where they start on this grid"),
-            ("lbf-3x3-9p-1f", "1 foods and 9 players do not fit on the 9 cells of the grid"),
+            ("lbf-3x3-9p-1f", "9 players take all 9 cells of the grid, so no food can ever be placed"),
             ("lbf-8x8-2p-0f", "there must be at least 1 food, or an episode is over at once"),
+            ("lbf-5x5-2p-26f", "the number of foods must be 1 to 25, one for each cell of the grid, not 26"),
             (
-                "lbf-5x5-2p-3f",
-                "no more than 2 foods can ever lie on this grid (not on the border, three steps apart), not 3",
+                "Foraging-5x5-17p-1f-v1",
+                "17 players do not fit on 16 cells, which is where they start on this grid",
             ),
             ("lbf-0s-8x8-2p-2f", "a player must see at least 1 cell far, not 0"),
         ] {

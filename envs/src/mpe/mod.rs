@@ -4,6 +4,7 @@
 //! in the reset, unless the opponent acts at random; a step allocates nothing.
 
 mod game;
+mod missing;
 mod name;
 mod network;
 mod particles;
@@ -23,6 +24,8 @@ pub use role::{encode, Dense, Role};
 pub use rules::Rules;
 pub use state::{Agent, State, StateError};
 pub use team::{OpponentError, Team};
+
+use name::NameError;
 
 use crate::family::{Family, Made, Refusal, Request};
 
@@ -46,7 +49,10 @@ fn make(request: &Request) -> Option<Result<Made, Refusal>> {
     let parsed = name::parse(request.name)?;
     Some(
         parsed
-            .map_err(|why| Refusal::Name(why.to_string()))
+            .map_err(|why| match why {
+                NameError::Missing { .. } | NameError::Old { .. } => Refusal::Missing(why.to_string()),
+                why => Refusal::Name(why.to_string()),
+            })
             .and_then(|(game, rules)| made(game, rules, request)),
     )
 }

@@ -1,6 +1,6 @@
 //! The names of particle tasks, and the spellings of the reference packages.
 
-use super::{Game, Rules};
+use super::{missing, Game, Rules};
 
 /// The form of a name, for messages.
 pub(crate) const FORM: &str = "mpe-simple-{speaker-listener|adversary|tag}[-epymarl|-2021]";
@@ -12,6 +12,13 @@ pub(crate) enum NameError {
     Game { found: String },
     #[error("expected nothing, `epymarl` or `2021` after `{game}`, found {found}; the form is {FORM}")]
     Rules { game: &'static str, found: String },
+    #[error("expected nothing or `v{current}` after `pz-mpe-{game}`, found {found}")]
+    Version { game: &'static str, current: u32, found: String },
+    #[error(
+        "`{found}` is a particle world that Rondo does not have; it has `simple-speaker-listener`, \
+         `simple-adversary` and `simple-tag`"
+    )]
+    Missing { found: String },
     #[error(
         "version {found} of `{game}` moves particles in another order than any rules here; take version \
          {current}, or `{game}-2021` for the original particle code"
@@ -19,42 +26,70 @@ pub(crate) enum NameError {
     Old { game: &'static str, found: u32, current: u32 },
 }
 
-/// Reads a name; `None` when it is of another family. The case of letters does not matter, `_` is the same as
-/// `-`, and names of the reference (`mpe2:simple_tag_v3`, `mpe:SimpleTag-v0`) mean the same.
-pub(crate) fn parse(name: &str) -> Option<Result<(Game, Rules), NameError>> {
-    let name = name.to_ascii_lowercase().replace('_', "-");
-    let prefix =
-        ["pz-mpe-", "mpe2:", "mpe:", "mpe-"].into_iter().find_map(|prefix| name.strip_prefix(prefix));
-    let rest = prefix.or_else(|| name.starts_with("simple").then_some(name.as_str()))?;
-    Some(parse_rest(rest))
+/// Who spelled a name so.
+#[derive(Clone, Copy, PartialEq)]
+enum Speller {
+    /// Rondo, PettingZoo, MPE2 or the study of 2021.
+    Any,
+    /// EPyMARL, which registers what it finds in PettingZoo as `pz-mpe-simple-tag-v3` and plays it by its rules.
+    Epymarl,
 }
 
-fn parse_rest(rest: &str) -> Result<(Game, Rules), NameError> {
+/// Reads a name; `None` when it is of another family. The case of letters does not matter, `_` is the same as
+/// `-`, and names of the reference (`mpe2:simple_tag_v3`, `pz-mpe-simple-tag-v3`, `mpe:SimpleTag-v0`) mean the same.
+pub(crate) fn parse(name: &str) -> Option<Result<(Game, Rules), NameError>> {
+    let name = name.to_ascii_lowercase().replace('_', "-");
+    if let Some(rest) = name.strip_prefix("pz-mpe-") {
+        return Some(parse_rest(rest, Speller::Epymarl));
+    }
+    let name = name.strip_prefix("pettingzoo").map_or(&*name, |rest| rest.trim_start_matches(SEPARATORS));
+    let package = name.strip_prefix("mpe2").or_else(|| name.strip_prefix("mpe"));
+    let rest = package.and_then(|rest| rest.strip_prefix(SEPARATORS));
+    let rest =
+        rest.or_else(|| (name.starts_with("simple") || missing::game(name).is_some()).then_some(name))?;
+    Some(parse_rest(rest, Speller::Any))
+}
+
+/// Between a package and the name of a game: in an id, a key, an import, and here.
+const SEPARATORS: [char; 4] = [':', '/', '.', '-'];
+
+fn parse_rest(rest: &str, speller: Speller) -> Result<(Game, Rules), NameError> {
     for game in Game::ALL {
         let name = game.short_name();
         // As in `SimpleTag-v0`, the form of the ids that the 2021 study registered.
         let joined = rest.strip_prefix(&name.replace('-', ""));
-        match rest.strip_prefix(name).or(joined) {
-            Some("") => return Ok((game, Rules::Current)),
-            Some(rest) if rest.starts_with('-') => {
-                return parse_rules(game, &rest[1..], joined.is_some()).map(|rules| (game, rules));
-            }
-            _ => {}
-        }
+        let suffix = match rest.strip_prefix(name).or(joined) {
+            Some("") => None,
+            Some(rest) if rest.starts_with('-') => Some(&rest[1..]),
+            _ => continue,
+        };
+        let rules = match (suffix, speller) {
+            (Some("v0"), Speller::Any) if joined.is_some() => Rules::Study2021,
+            _ => parse_rules(game, suffix, speller)?,
+        };
+        return Ok((game, rules));
     }
-    Err(NameError::Game { found: quoted(rest) })
+    match missing::game(rest) {
+        Some(found) => Err(NameError::Missing { found }),
+        None => Err(NameError::Game { found: quoted(rest) }),
+    }
 }
 
-fn parse_rules(game: Game, suffix: &str, registered: bool) -> Result<Rules, NameError> {
-    if registered && suffix == "v0" {
-        return Ok(Rules::Study2021);
-    }
+fn parse_rules(game: Game, suffix: Option<&str>, speller: Speller) -> Result<Rules, NameError> {
+    let usual = match speller {
+        Speller::Any => Rules::Current,
+        Speller::Epymarl => Rules::Epymarl,
+    };
+    let Some(suffix) = suffix else { return Ok(usual) };
     let name = game.short_name();
     let current = game.layout().version;
     let version = suffix.strip_prefix('v').filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()));
     match version.and_then(|digits| digits.parse().ok()) {
-        Some(version) if version == current => Ok(Rules::Current),
+        Some(version) if version == current => Ok(usual),
         Some(found) if found < current => Err(NameError::Old { game: name, found, current }),
+        _ if speller == Speller::Epymarl => {
+            Err(NameError::Version { game: name, current, found: quoted(suffix) })
+        }
         _ => Rules::parse(suffix).ok_or_else(|| NameError::Rules { game: name, found: quoted(suffix) }),
     }
 }
@@ -104,7 +139,13 @@ mod tests {
             ("mpe-simple-adversary-2021", "mpe-simple-adversary-2021"),
             ("simple_tag_v3", "mpe-simple-tag"),
             ("simple-tag-v3", "mpe-simple-tag"),
-            ("pz-mpe-simple-tag-v3", "mpe-simple-tag"),
+            ("pz-mpe-simple-tag-v3", "mpe-simple-tag-epymarl"),
+            ("pz-mpe-simple-speaker-listener-v4", "mpe-simple-speaker-listener-epymarl"),
+            ("pz-mpe-simple-adversary", "mpe-simple-adversary-epymarl"),
+            ("mpe/simple_tag_v3", "mpe-simple-tag"),
+            ("mpe2.simple_tag_v3", "mpe-simple-tag"),
+            ("pettingzoo.mpe.simple_tag_v3", "mpe-simple-tag"),
+            ("pettingzoo/mpe/simple_tag_v3", "mpe-simple-tag"),
             ("mpe:simple_tag_v3", "mpe-simple-tag"),
             ("mpe2:simple_adversary_v3", "mpe-simple-adversary"),
             ("simple_speaker_listener_v4", "mpe-simple-speaker-listener"),
@@ -128,8 +169,8 @@ mod tests {
         for (name, expected) in [
             ("mpe-", "expected `simple-speaker-listener`, `simple-adversary` or `simple-tag`, found nothing"),
             (
-                "mpe-simple-spread",
-                "expected `simple-speaker-listener`, `simple-adversary` or `simple-tag`, found `simple-spread`",
+                "mpe-simple-spreads",
+                "expected `simple-speaker-listener`, `simple-adversary` or `simple-tag`, found `simple-spreads`",
             ),
             (
                 "simple_tags_v3",
@@ -141,6 +182,16 @@ mod tests {
         ] {
             assert_eq!(mistake(name), format!("{expected}; the form is {FORM}"), "{name}");
         }
+    }
+
+    #[test]
+    fn a_spelling_of_epymarl_has_no_other_rules_behind_it() {
+        assert_eq!(
+            mistake("pz-mpe-simple-tag-2021"),
+            "expected nothing or `v3` after `pz-mpe-simple-tag`, found `2021`"
+        );
+        let old = mistake("pz-mpe-simple-tag-v2");
+        assert!(old.starts_with("version 2 of `simple-tag` moves particles in another order"), "{old}");
     }
 
     #[test]

@@ -8,6 +8,7 @@ mod floor;
 mod layout;
 mod name;
 mod pair_set;
+mod registered;
 mod requests;
 mod reset;
 mod scene;
@@ -59,7 +60,8 @@ fn make(request: &Request) -> Option<Result<Made, Refusal>> {
     let config = match parse(request.name)? {
         Ok(config) => config,
         Err(NameError::Impossible(why)) => return Some(Err(Refusal::Impossible(why.to_string()))),
-        Err(why) => return Some(Err(Refusal::Name(why.to_string()))),
+        Err(why @ NameError::Part { .. }) => return Some(Err(Refusal::Name(why.to_string()))),
+        Err(why) => return Some(Err(Refusal::Missing(why.to_string()))),
     };
     Some(made(config, request))
 }

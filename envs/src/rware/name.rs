@@ -3,16 +3,17 @@
 use std::iter::Peekable;
 use std::str::Split;
 
-use super::{Config, Impossible, Rules};
+use super::{registered, Config, Impossible, Rules};
 
 /// The form of a name, for messages.
 pub(crate) const FORM: &str =
     "rware-[{sight}s-]{tiny|small|medium|large|ROWSxCOLUMNS}-[{height}h-]{robots}ag[-easy|-hard|-{requests}req][-v1|-v2]";
 
 /// Name, shelf rows, shelf columns.
-const SIZES: [(&str, u16, u16); 4] = [("tiny", 1, 3), ("small", 2, 3), ("medium", 2, 5), ("large", 3, 5)];
-const COLUMN_HEIGHT: u16 = 8;
-const SENSOR_RANGE: u16 = 1;
+pub(super) const SIZES: [(&str, u16, u16); 4] =
+    [("tiny", 1, 3), ("small", 2, 3), ("medium", 2, 5), ("large", 3, 5)];
+pub(super) const COLUMN_HEIGHT: u16 = 8;
+pub(super) const SENSOR_RANGE: u16 = 1;
 const EPISODE_LIMIT: u32 = 500;
 
 /// What is wrong with a name of this family.
@@ -20,19 +21,72 @@ const EPISODE_LIMIT: u32 = 500;
 pub(crate) enum NameError {
     #[error("expected {expected}, found {found}; the form is {FORM}")]
     Part { expected: &'static str, found: String },
+    #[error("its robots see images (`{image}`); Rondo has the warehouse with vectors, `{own}`")]
+    Image { image: String, own: String },
+    #[error(
+        "`global` pays every robot for every delivery; Rondo pays each for its own, `{own}`, and the sum of the team's \
+         rewards there is what `global` pays"
+    )]
+    Global { own: String },
+    #[error(
+        "`twostage` pays half for a delivery and half for bringing the shelf back; Rondo pays for deliveries alone, \
+         `{own}`"
+    )]
+    TwoStage { own: String },
+    #[error("no release of rware registers `rware-{id}`; Rondo's own name for these numbers is `{own}`")]
+    Unregistered { id: String, own: String },
     #[error(transparent)]
     Impossible(#[from] Impossible),
 }
 
-/// Reads a name; `None` when it is of another family. The case of letters does not matter, and names of the
-/// reference (`rware-tiny-2ag-easy-v2`, `rware-1x3-8h-2ag-4req-indiv-v2`, also behind `rware:`) mean the same.
+/// Reads a name; `None` when it is of another family. The case of letters does not matter, and the ids that the
+/// reference registers (`rware-tiny-2ag-easy-v2`, `rware-1x3-8h-2ag-4req-indiv-v2`, also behind `rware:`) mean the
+/// same as there.
 pub(crate) fn parse(name: &str) -> Option<Result<Config, NameError>> {
     let name = name.to_ascii_lowercase();
-    let parts = name.strip_prefix("rware:").unwrap_or(&name).strip_prefix("rware-")?;
-    Some(parse_parts(parts))
+    let of_package = name.strip_prefix("rware:");
+    let id = of_package.unwrap_or(&name).strip_prefix("rware-")?;
+    Some(parse_id(id, of_package.is_some()))
 }
 
-fn parse_parts(parts: &str) -> Result<Config, NameError> {
+/// Reads what follows `rware-`. Rondo's own names and the reference's ids have one form, but some words are the
+/// reference's alone: with one of those, or where it is named, the id must be one that it registers.
+fn parse_id(id: &str, of_package: bool) -> Result<Config, NameError> {
+    let (image, parts) = match id.split_once('-') {
+        Some((word @ ("img" | "imgdict"), rest)) => (Some(word.to_owned()), rest),
+        _ => (None, id),
+    };
+    // Whether images turn with the robot. It says nothing about vectors, and there are ids of vectors with it.
+    let (turned, parts) = match parts.strip_prefix("nd-") {
+        Some(rest) => (true, rest),
+        None => (false, parts),
+    };
+    let (config, reward) = parse_parts(parts)?;
+    config.check_playable()?;
+    let own = config.name();
+    if let Some(image) = image {
+        return Err(NameError::Image { image, own });
+    }
+    match reward {
+        Some(Reward::Global) => return Err(NameError::Global { own }),
+        Some(Reward::TwoStage) => return Err(NameError::TwoStage { own }),
+        Some(Reward::Individual) | None => {}
+    }
+    if (of_package || turned || reward.is_some()) && !registered::is_id(id, &config) {
+        return Err(NameError::Unregistered { id: id.to_owned(), own });
+    }
+    Ok(config)
+}
+
+/// The reference's words for what robots are paid for.
+enum Reward {
+    /// Each for its own deliveries, which is the only way here.
+    Individual,
+    Global,
+    TwoStage,
+}
+
+fn parse_parts(parts: &str) -> Result<(Config, Option<Reward>), NameError> {
     let mut parts = parts.split('-').peekable();
     let sensor_range = optional(&mut parts, |part| number(part, "s")).unwrap_or(SENSOR_RANGE);
 
@@ -48,8 +102,7 @@ fn parse_parts(parts: &str) -> Result<Config, NameError> {
     let robots = robots.ok_or_else(|| wrong("a number of robots such as `2ag`", part))?;
 
     let requests = optional(&mut parts, |part| requests(part, robots)).unwrap_or(robots);
-    // The reference's word for each robot being paid for its own deliveries, which is the only way here.
-    parts.next_if_eq(&"indiv");
+    let reward = optional(&mut parts, reward);
 
     let rules = match parts.next() {
         None => Rules::V2,
@@ -73,15 +126,23 @@ fn parse_parts(parts: &str) -> Result<Config, NameError> {
         episode_limit: EPISODE_LIMIT,
         rules,
     };
-    config.check_playable()?;
-    Ok(config)
+    Ok((config, reward))
+}
+
+fn reward(part: &str) -> Option<Reward> {
+    match part {
+        "indiv" => Some(Reward::Individual),
+        "global" => Some(Reward::Global),
+        "twostage" => Some(Reward::TwoStage),
+        _ => None,
+    }
 }
 
 /// Takes the next part if `read` understands it.
-fn optional(parts: &mut Peekable<Split<'_, char>>, read: impl FnOnce(&str) -> Option<u16>) -> Option<u16> {
-    let number = read(parts.peek()?)?;
+fn optional<T>(parts: &mut Peekable<Split<'_, char>>, read: impl FnOnce(&str) -> Option<T>) -> Option<T> {
+    let found = read(parts.peek()?)?;
     parts.next();
-    Some(number)
+    Some(found)
 }
 
 /// Shelf rows and columns.
@@ -217,13 +278,12 @@ mod tests {
             ("rware-2ag", size, "`2ag`"),
             ("rware-huge-2ag", size, "`huge`"),
             ("rware-1x-2ag", size, "`1x`"),
-            ("rware-img-tiny-2ag", size, "`img`"),
+            ("rware-image-tiny-2ag", size, "`image`"),
             ("rware-tiny", robots, "nothing"),
             ("rware-tiny-2p", robots, "`2p`"),
             ("rware-tiny-+2ag", robots, "`+2ag`"),
             ("rware-tiny-99999ag", robots, "`99999ag`"),
             ("rware-tiny-2ag-normal", end, "`normal`"),
-            ("rware-tiny-2ag-4req-global", end, "`global`"),
             ("rware-tiny-2ag-v3", end, "`v3`"),
             ("rware-tiny-2ag-v1-easy", "nothing after the version of the rules", "`easy`"),
         ] {

@@ -9,6 +9,7 @@ mod particles_padding;
 mod particles_starts;
 mod particles_steps;
 mod particles_traces;
+mod registered_ids;
 mod spoilt_traces;
 mod traces;
 mod uniform;

@@ -88,6 +88,7 @@ fn explanation(task: &Task) -> String {
     let others: Vec<&str> = family.rules.iter().copied().filter(|rules| *rules != task.rules()).collect();
     let others =
         if others.is_empty() { String::new() } else { format!("; there are also {}", others.join(", ")) };
+    let warning = task.warning().map(|warning| ("warning", warning));
     for (property, value) in [
         ("agents", sizes.agents.to_string()),
         ("observation", format!("{} numbers per agent", each(&sizes.obs_size))),
@@ -95,7 +96,10 @@ fn explanation(task: &Task) -> String {
         ("step limit", sizes.episode_limit.to_string()),
         ("rules", format!("{}, those of {}{others}", task.rules(), task.source())),
         ("names", family.form.to_owned()),
-    ] {
+    ]
+    .into_iter()
+    .chain(warning)
+    {
         let mut label = property;
         for line in picture::wrap(&value, COLUMNS - INDENT) {
             text += &format!("{label:INDENT$}{line}\n");
@@ -164,6 +168,16 @@ mod tests {
             "names         lbf-[{sight}s-]{rows}x{cols}-{players}p-{foods}f[-coop][-v0|-v1|-v2|-v3]",
         ];
         assert_eq!(lines[lines.len() - 6..], expected);
+    }
+
+    #[test]
+    fn a_world_that_is_not_all_that_its_name_promises_is_explained_with_a_warning() {
+        let text = explanation(&envs::task("Foraging-5x5-3p-3f-coop-v2").unwrap());
+        assert!(
+            text.contains("\nwarning       a reset places at most 2 of the 3 foods: none lies on"),
+            "{text}"
+        );
+        assert!(!explanation(&envs::task("lbf-5x5-3p-2f").unwrap()).contains("warning"));
     }
 
     #[test]
