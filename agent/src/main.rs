@@ -12,7 +12,6 @@ struct Cli {
 
 fn main() -> ExitCode {
     bus::use_one_runtime();
-    process::do_not_preempt();
     process::exit_on_panic();
     match process::parse_arguments::<Cli>() {
         Ok(cli) => agent::main(&cli.arguments),

@@ -78,7 +78,6 @@ enum Command {
 
 fn main() -> ExitCode {
     bus::use_one_runtime();
-    process::do_not_preempt();
     process::exit_on_panic();
     let cli = match process::parse_arguments::<Cli>() {
         Ok(cli) => cli,

@@ -12,29 +12,12 @@ pub fn peak_memory_bytes() -> Option<u64> {
 pub fn cpu_seconds() -> Option<f64> {
     /// Linux counts in hundredths, whatever its own clock is.
     const PER_SECOND: f64 = 100.0;
-    let stat = Stat::read("/proc/self/stat")?;
-    Some((stat.field::<f64>(14)? + stat.field::<f64>(15)?) / PER_SECOND)
-}
-
-/// The nice value of this thread, −20 to 19; `None` where the system does not tell.
-pub(crate) fn niceness() -> Option<i8> {
-    Stat::read("/proc/thread-self/stat")?.field(19)
-}
-
-/// What Linux says of a process or thread in one line.
-struct Stat(String);
-
-impl Stat {
-    fn read(path: &str) -> Option<Self> {
-        std::fs::read_to_string(path).ok().map(Self)
-    }
-
-    /// A field by its number in proc(5), 3 at least.
-    fn field<T: std::str::FromStr>(&self, number: usize) -> Option<T> {
-        // The second field is the program's name in brackets, which may hold anything.
-        let (_, rest) = self.0.rsplit_once(')')?;
-        rest.split_whitespace().nth(number - 3)?.parse().ok()
-    }
+    let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
+    // The second field is the program's name in brackets, which may hold anything. proc(5) numbers the first one
+    // after it 3, and the times in user and in system mode 14 and 15.
+    let (_, rest) = stat.rsplit_once(')')?;
+    let times: Vec<f64> = rest.split_whitespace().skip(14 - 3).take(2).flat_map(str::parse).collect();
+    (times.len() == 2).then(|| times.iter().sum::<f64>() / PER_SECOND)
 }
 
 #[cfg(test)]

@@ -21,6 +21,29 @@ impl Where {
     }
 }
 
+/// What else the machine does meanwhile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Beside {
+    /// As little as the machine allows.
+    Nothing,
+    /// A loop without an end on each core, with this nice value.
+    Loops { nice: u8 },
+    /// A second run of the same kind.
+    ARun,
+}
+
+impl Beside {
+    /// None for an idle machine.
+    pub fn name(self) -> Option<String> {
+        match self {
+            Self::Nothing => None,
+            Self::Loops { nice: 0 } => Some("loops of equal priority".to_owned()),
+            Self::Loops { nice } => Some(format!("loops at nice {nice}")),
+            Self::ARun => Some("a second run".to_owned()),
+        }
+    }
+}
+
 /// One line of the table; all other settings are those of `rondo train TASK --algo ALGO`.
 #[derive(Debug, Clone, Copy)]
 pub struct Case {
@@ -30,6 +53,7 @@ pub struct Case {
     /// Environment steps of a run: some seconds of work.
     pub steps: u64,
     pub places: &'static [Where],
+    pub beside: &'static [Beside],
 }
 
 const BOTH: &[Where] = &[Where::Processes, Where::InProcess];
@@ -41,8 +65,17 @@ const fn case(
     steps: u64,
     places: &'static [Where],
 ) -> Case {
-    Case { task, algo, copies, steps, places }
+    Case { task, algo, copies, steps, places, beside: &[Beside::Nothing] }
 }
+
+/// Idle first: the others are compared with it.
+const BUSY: &[Beside] = &[
+    Beside::Nothing,
+    Beside::Loops { nice: 19 },
+    Beside::Loops { nice: 10 },
+    Beside::Loops { nice: 0 },
+    Beside::ARun,
+];
 
 /// A named list of cases.
 pub struct Suite {
@@ -51,7 +84,7 @@ pub struct Suite {
     pub cases: &'static [Case],
 }
 
-pub const SUITES: [Suite; 7] = [
+pub const SUITES: [Suite; 8] = [
     Suite {
         name: "quick",
         about: "one small case, to see whether anything changed",
@@ -89,6 +122,14 @@ pub const SUITES: [Suite; 7] = [
             case("lbf-8x8-2p-2f-coop", "iql", 1, 30_000, BOTH),
             case("mpe-simple-speaker-listener", "iql", 1, 30_000, BOTH),
             case("rware-tiny-4ag", "iql", 1, 60_000, BOTH),
+        ],
+    },
+    Suite {
+        name: "busy",
+        about: "a machine with other work: IPPO and IQL beside a loop on each core, and beside a second run",
+        cases: &[
+            Case { beside: BUSY, ..case("mpe-simple-speaker-listener", "ippo", 10, 100_000, BOTH) },
+            Case { beside: BUSY, ..case("mpe-simple-speaker-listener", "iql", 1, 15_000, BOTH) },
         ],
     },
     Suite {

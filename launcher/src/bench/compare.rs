@@ -30,9 +30,7 @@ pub fn ratios(before: &Report, after: &Report) -> String {
     );
     let mut missing = 0;
     for new in &after.cases {
-        let same = |old: &&super::Measured| {
-            (&old.task, &old.algo, old.copies, &old.place) == (&new.task, &new.algo, new.copies, &new.place)
-        };
+        let same = |old: &&super::Measured| (old.case(), &old.beside) == (new.case(), &new.beside);
         let Some(old) = before.cases.iter().find(same) else {
             missing += 1;
             continue;

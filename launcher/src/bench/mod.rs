@@ -5,6 +5,7 @@
 //! differ and are shared, each speed stands beside its share of the arithmetic limit measured in the same call.
 
 mod arithmetic;
+mod busy;
 mod cases;
 mod compare;
 
@@ -25,7 +26,8 @@ use crate::experiment::{unknown, Experiment};
 use crate::roles::{Ended, Transport};
 use crate::summary::Summary;
 use arithmetic::{flops_per_env_step, peak_flops};
-use cases::{Case, Suite, Where, SUITES};
+use busy::Loops;
+use cases::{Beside, Case, Suite, Where, SUITES};
 
 /// Runs before the measured ones: caches, and the processor's clock.
 const WARM_UP: u64 = 1;
@@ -75,6 +77,10 @@ struct Measured {
     algo: String,
     copies: u32,
     place: String,
+    /// What else the machine did; none for an idle machine.
+    #[serde(default)]
+    beside: Option<String>,
+    /// Of one run; of a pair on a core each, of both.
     env_steps_per_second: Spread,
     /// Floating-point operations per second in the products of the algorithm, over the peak of all cores.
     share_of_limit: f64,
@@ -160,11 +166,12 @@ impl Bench {
         println!("{HEAD}");
         let mut report =
             Report { rondo_version: env!("CARGO_PKG_VERSION").to_owned(), machine, cases: vec![] };
-        for (case, place) in cases {
-            let measured = self.measure(&case, place, &report.machine)?;
+        for (case, place, beside) in cases {
+            let measured = self.measure(&case, place, beside, &report.machine)?;
             println!("{measured}");
             report.cases.push(measured);
         }
+        print!("{}", busy::ratios(&report.cases));
         if let Some(path) = &self.json {
             let text = serde_json::to_string_pretty(&report).map_err(|e| Failure::new(exit::BUG, e))?;
             std::fs::write(path, text + "\n")
@@ -176,7 +183,7 @@ impl Bench {
         Ok(())
     }
 
-    fn cases(&self) -> Result<Vec<(Case, Where)>, Failure> {
+    fn cases(&self) -> Result<Vec<(Case, Where, Beside)>, Failure> {
         let mut names: Vec<&str> = SUITES.iter().map(|suite| suite.name).collect();
         names.push("all");
         if !names.contains(&self.suite.as_str()) {
@@ -188,13 +195,22 @@ impl Bench {
         }
         let chosen = SUITES.iter().filter(|suite| self.suite == "all" || suite.name == self.suite);
         let cases = chosen.flat_map(|suite| suite.cases);
-        let lines = cases.flat_map(|case| case.places.iter().map(|&place| (*case, place)));
+        let lines = cases.flat_map(|case| {
+            let places = case.places.iter();
+            places.flat_map(move |&place| case.beside.iter().map(move |&beside| (*case, place, beside)))
+        });
         Ok(lines
-            .filter(|(_, place)| self.only.as_deref().is_none_or(|only| place.as_str() == only))
+            .filter(|(_, place, _)| self.only.as_deref().is_none_or(|only| place.as_str() == only))
             .collect())
     }
 
-    fn measure(&self, case: &Case, place: Where, machine: &Machine) -> Result<Measured, Failure> {
+    fn measure(
+        &self,
+        case: &Case,
+        place: Where,
+        beside: Beside,
+        machine: &Machine,
+    ) -> Result<Measured, Failure> {
         let steps = self.steps.unwrap_or(case.steps);
         let experiment = Experiment {
             t_max: Some(steps),
@@ -207,19 +223,32 @@ impl Bench {
         let task = envs::task(&config.world.task).map_err(|e| Failure::new(exit::CONFIG, e))?;
         let flops = flops_per_env_step(&config, task.sizes());
         let mut runs = Vec::new();
+        let _loops = Loops::start(beside, machine.cores)?;
         for seed in 1..=WARM_UP + u64::from(self.runs) {
             let experiment = Experiment { seed, ..experiment.clone() };
-            let summaries = match place {
-                Where::Processes => vec![one(&experiment, Place::Processes(Transport::Unix))?],
-                Where::InProcess => vec![one(&experiment, Place::InProcess)?],
-                Where::PairInProcess => pair(&experiment)?,
+            let (place, one_core_each) = match place {
+                Where::Processes => (Place::Processes(Transport::Unix), false),
+                Where::InProcess => (Place::InProcess, false),
+                Where::PairInProcess => (Place::InProcess, true),
+            };
+            let summaries = if one_core_each || beside == Beside::ARun {
+                pair(&experiment, place, one_core_each)?
+            } else {
+                vec![one(&experiment, place)?]
             };
             if seed > WARM_UP {
                 runs.push(summaries);
             }
         }
-        let together = |runs: &Vec<Summary>| runs.iter().map(|run| run.env_steps_per_second).sum();
-        let speed = spread(runs.iter().map(together).collect());
+        let speed_of = |runs: &Vec<Summary>| {
+            let sum = runs.iter().map(|run| run.env_steps_per_second).sum::<f64>();
+            if beside == Beside::ARun {
+                sum / runs.len() as f64
+            } else {
+                sum
+            }
+        };
+        let speed = spread(runs.iter().map(speed_of).collect());
         let firsts: Vec<&Summary> = runs.iter().map(|runs| &runs[0]).collect();
         let of = |f: &dyn Fn(&Summary) -> f64| spread(firsts.iter().map(|run| f(run)).collect()).median;
         let world = |name: &'static str| of(&|run| run.seconds("world", name) / run.training_seconds());
@@ -249,6 +278,7 @@ impl Bench {
             algo: case.algo.to_owned(),
             copies: case.copies,
             place: place.as_str().to_owned(),
+            beside: beside.name(),
             env_steps_per_second: speed,
             share_of_limit: speed.median * flops / (1e9 * machine.sgemm_gflops_all_cores),
             ticks_per_second: of(&|run| ticks(run) / run.training_seconds()),
@@ -317,15 +347,17 @@ fn one(experiment: &Experiment, place: Place) -> Result<Summary, Failure> {
     Ok(summary)
 }
 
-/// Two runs at once, seeds apart, each on one core.
-fn pair(experiment: &Experiment) -> Result<Vec<Summary>, Failure> {
+/// Two runs at once, seeds apart.
+fn pair(experiment: &Experiment, place: Place, one_core_each: bool) -> Result<Vec<Summary>, Failure> {
     std::thread::scope(|scope| {
         let run = |core: usize| {
             let experiment = Experiment { seed: 1000 * core as u64 + experiment.seed, ..experiment.clone() };
             scope.spawn(move || {
-                // The threads of the roles inherit it.
-                stay_on(core)?;
-                one(&experiment, Place::InProcess)
+                if one_core_each {
+                    // The threads of the roles inherit it.
+                    stay_on(core)?;
+                }
+                one(&experiment, place)
             })
         };
         let runs = [run(0), run(1)];
@@ -374,6 +406,13 @@ const HEAD: &str = "\
 task                         algo   copies place                         env steps/s  limit  ticks/s update infer. sample encode \
 send   bus world  disk  B/tick allocs/tick CPU us/step start s MB/agent MB/server | layout forward loss backward optimiser";
 
+impl Measured {
+    /// What was measured, whatever else the machine did.
+    fn case(&self) -> (&str, &str, u32, &str) {
+        (&self.task, &self.algo, self.copies, &self.place)
+    }
+}
+
 impl std::fmt::Display for Measured {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let steps = self.env_steps_per_second;
@@ -381,6 +420,9 @@ impl std::fmt::Display for Measured {
         let UpdateCall { layout, forward, loss, backward, optimiser } = self.update_call;
         let known = |x: Option<f64>, digits: usize| x.map_or("–".to_owned(), |x| format!("{x:.digits$}"));
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        if let Some(beside) = &self.beside {
+            writeln!(f, "beside {beside}:")?;
+        }
         write!(
             f,
             "{:<28} {:<6} {:>6} {:<12} {:>28} {:>6} {:>8.0} {:>6} {:>6} {:>6} {:>6} {:>4} {:>5} {:>5} {:>5} {:>7.0} {:>11} {:>11} {:>7.2} {:>8} {:>9} | {:>6} {:>7} {:>4} {:>8} {:>9}",
