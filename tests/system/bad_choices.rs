@@ -99,8 +99,12 @@ fn misspelt_tasks_of_every_family_are_answered_with_the_form_of_its_names() {
     for (task, parts) in [
         ("rware-tny-2ag", ["found `tny`; the form is rware-", "the nearest known one is `rware-tiny-2ag`"]),
         (
+            "mpe-simple-tog",
+            ["found `simple-tog`; the form is mpe-simple-", "the nearest known one is `mpe-simple-tag`"],
+        ),
+        (
             "mpe-simple-spread",
-            ["found `simple-spread`; the form is mpe-simple-", "the nearest known one is `mpe-"],
+            ["is a particle world that Rondo does not have", "it has `simple-speaker-listener`"],
         ),
         ("lbf-5x5-2p-1x", ["there is no task `lbf-5x5-2p-1x`", "the nearest known one is `lbf-5x5-2p-1f"]),
     ] {
