@@ -10,14 +10,14 @@ use crate::Error;
 
 /// Updates in which the gains are shown: where IIBR diverges they soon leave every scale.
 const IIBR_UPDATES: usize = 8;
-const SIBR_UPDATES: usize = 18;
+const SIBR_SWEEPS: usize = 6;
 const UPDATES: usize = 60;
 /// Exponents of ten between which `J − J*` is shown.
 const EXPONENTS: (i32, i32) = (-12, 4);
 /// Enough for a smooth line of ρ(ω).
 const OMEGAS: usize = 200;
-/// Agents whose gains are shown one by one.
-const MOST_LINES: usize = 6;
+/// Agents whose gains are shown one by one: the first of a large team.
+const MOST_LINES: usize = 4;
 
 /// Draws four panels into `out` (`.svg` or `.png`, 1200 by 800 pixels).
 ///
@@ -42,7 +42,14 @@ pub fn estimation_plot(problem: &Problem, out: &Path) -> Result<(), Error> {
         IIBR_UPDATES,
         "IIBR: best responses all at once",
     );
-    draw_gains(&mut svg, problem, Place::TopRight, Scheme::SIBR, SIBR_UPDATES, "SIBR: one after another");
+    draw_gains(
+        &mut svg,
+        problem,
+        Place::TopRight,
+        Scheme::SIBR,
+        SIBR_SWEEPS * problem.agents(),
+        "SIBR: one after another",
+    );
     draw_excess(&mut svg, problem);
     draw_radius(&mut svg, problem);
     svg.save(out)
@@ -129,7 +136,10 @@ fn draw_radius(svg: &mut Svg, problem: &Problem) {
     let panel = panel(
         svg,
         Place::BottomRight,
-        &format!("ω = 0 is SIBR, ω = 1 is IIBR; below 1 {} updates converge", problem.agents()),
+        &format!(
+            "ω = 0 is SIBR, ω = 1 is IIBR; where ρ of {} updates is below 1, it converges",
+            problem.agents()
+        ),
         Axis::linear(0.0, 1.0, 5, "ω, weight of the slow agents"),
         Axis::linear(0.0, most, 5, "spectral radius ρ"),
     );

@@ -41,7 +41,7 @@ fn facts(problem: &Problem) -> String {
 fn matrices(problem: &Problem) -> String {
     let (n, w) = (problem.agents(), problem.best_damping());
     // Only matrices of three rows have their eigenvalues shown, as in the paper.
-    let wide = |text: String| if n == 3 { format!("{text:<50}") } else { String::new() };
+    let wide = |text: String| if n == 3 { format!("{text:<52}") } else { String::new() };
     let mut text = format!("{:<37}{}spectral radius\n", "", wide("eigenvalues".to_owned()));
     let mut row = |name: &str, a: &Matrix| {
         let values = eigenvalues(a).into_iter().flatten().map(|value| match value.im {

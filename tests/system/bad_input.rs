@@ -86,7 +86,7 @@ fn an_example_without_an_answer_is_refused_with_what_was_expected() {
     for (words, part) in [
         (&["--n=1"][..], "error: `--n 1`: expected a number of agents from 2 to 32"),
         (&["--p=0"], "error: `--p 0`: expected a weight from 1e-9 to 1e9"),
-        (&["--q", "-inf"], "error: `--q -inf`: expected a weight from -1e9 to 1e9"),
+        (&["--q=-inf"], "error: `--q -inf`: expected a weight from -1e9 to 1e9"),
         (&["--variance", "-1"], "error: `--variance -1`: expected a variance from 0 to 1e9"),
         (&["--variance=0"], "the cost has no single minimum"),
         (&["--n=-3"], "invalid value '-3' for '--n <N>'"),
