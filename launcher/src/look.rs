@@ -4,6 +4,7 @@ mod tasks;
 
 use std::path::PathBuf;
 
+use monitor::estimation::Problem;
 use monitor::{Found, PlotOptions};
 use process::Failure;
 use proto::exit;
@@ -142,8 +143,20 @@ pub struct Example {
 
 #[derive(Debug, Clone, clap::Subcommand)]
 enum Which {
-    /// Three agents estimate one quantity: who moves when decides whether they converge
+    /// Agents estimate one quantity: who moves when decides whether they converge
     Estimation {
+        /// Weight of the square of each agent's error
+        #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
+        p: f64,
+        /// Weight of the product of two agents' errors
+        #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
+        q: f64,
+        /// Variance of the noise in what each agent sees
+        #[arg(long, default_value_t = 0.5, allow_negative_numbers = true)]
+        variance: f64,
+        /// Number of agents
+        #[arg(long, default_value_t = 3)]
+        n: usize,
         /// Where to draw it, .png or .svg
         #[arg(long, value_name = "FILE", default_value = "estimation.svg")]
         out: PathBuf,
@@ -152,9 +165,11 @@ enum Which {
 
 impl Example {
     pub fn run(&self) -> Result<(), Failure> {
-        let Which::Estimation { out } = &self.which;
-        println!("{}", monitor::estimation_report());
-        monitor::estimation_plot(out).map_err(unusable)?;
+        let Which::Estimation { p, q, variance, n, out } = &self.which;
+        let problem =
+            Problem::new(*p, *q, *variance, *n).map_err(|error| Failure::new(exit::USAGE, error))?;
+        println!("{}", monitor::estimation_report(&problem));
+        monitor::estimation_plot(&problem, out).map_err(unusable)?;
         println!("drawn in {}", out.display());
         Ok(())
     }

@@ -82,6 +82,20 @@ fn numbers_that_cannot_be_are_refused_with_what_was_expected() {
 }
 
 #[test]
+fn an_example_without_an_answer_is_refused_with_what_was_expected() {
+    for (words, part) in [
+        (&["--n=1"][..], "error: `--n 1`: expected a number of agents from 2 to 32"),
+        (&["--p=0"], "error: `--p 0`: expected a weight from 1e-9 to 1e9"),
+        (&["--q=-inf"], "error: `--q -inf`: expected a weight from -1e9 to 1e9"),
+        (&["--variance", "-1"], "error: `--variance -1`: expected a variance from 0 to 1e9"),
+        (&["--variance=0"], "the cost has no single minimum"),
+        (&["--n=-3"], "invalid value '-3' for '--n <N>'"),
+    ] {
+        refused(&[&["example", "estimation"], words].concat()).fails_with(64, &[part]);
+    }
+}
+
+#[test]
 fn all_mistakes_are_reported_at_once() {
     refused(&["train", "--envs=0", "--t-max=0", "--lr-fast=2", "--test-interval=0"]).fails_with(
         78,
