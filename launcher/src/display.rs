@@ -1,8 +1,8 @@
 //! What a person sees while a run goes on: one live display on a terminal, plain lines elsewhere.
 
-use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
+use console::Term;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use proto::config::Config;
 use proto::control::Metrics;
@@ -10,10 +10,15 @@ use proto::control::Metrics;
 /// Between plain lines, when there is no new test result.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
+/// A terminal with fewer columns gets the progress alone: the rest would take more rows than it leaves.
+const NARROW: usize = 60;
+/// Scalars of an agent that have a place of their own.
+const SHOWN_APART: [&str; 2] = ["fast_agent", "lr"];
+
 /// How much to show while a run goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Show {
-    /// A live display on a terminal, plain lines elsewhere.
+    /// A live display on a terminal that can be drawn on, plain lines elsewhere.
     Best,
     /// Plain lines with the name of the run.
     Lines,
@@ -40,17 +45,22 @@ pub struct Display {
 impl Display {
     /// For a run with this configuration.
     pub fn new(config: &Config, show: Show) -> Self {
-        let live = show == Show::Best && std::io::stderr().is_terminal();
-        let bar = live.then(|| {
+        let bar = (show == Show::Best).then(|| {
+            // Hidden where nothing can be drawn: stderr is no terminal, or TERM is `dumb` or not set.
             let bar =
                 ProgressBar::with_draw_target(Some(config.t_max), ProgressDrawTarget::stderr_with_hz(8));
-            let template = "{prefix:.bold} {wide_bar} {percent:>3} %\n{msg}";
+            let template = match columns() {
+                0..NARROW => "{percent:>3} %\n{msg}",
+                _ => "{prefix:.bold} {wide_bar} {percent:>3} %\n{msg}",
+            };
             bar.set_style(
                 ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()),
             );
             bar.set_prefix(format!("{} · {} · seed {}", config.world.task, config.algo.name, config.seed));
             bar
         });
+        // Nothing shows through a hidden bar, so lines take its place.
+        let bar = bar.filter(|bar| !bar.is_hidden());
         Self {
             t_max: config.t_max,
             algo: config.algo.name.to_string(),
@@ -87,7 +97,7 @@ impl Display {
         match &self.bar {
             Some(bar) => {
                 bar.set_position(self.t_env.min(self.t_max));
-                bar.set_message(self.text());
+                bar.set_message(self.drawn());
             }
             None if self.show == Show::Nothing => {}
             None => {
@@ -95,7 +105,7 @@ impl Display {
                     self.last_line = Some(Instant::now());
                     let run =
                         if self.show == Show::Lines { format!("{}: ", self.run) } else { String::new() };
-                    eprintln!("{run}{}", self.text().replace('\n', " · "));
+                    eprintln!("{run}{}", self.parts().join(SEPARATOR));
                 }
             }
         }
@@ -104,7 +114,7 @@ impl Display {
     /// Redraws the clock.
     pub fn refresh(&self) {
         if let Some(bar) = &self.bar {
-            bar.set_message(self.text());
+            bar.set_message(self.drawn());
         }
     }
 
@@ -123,7 +133,17 @@ impl Display {
         }
     }
 
-    fn text(&self) -> String {
+    /// For the live display: as much as the terminal has room for.
+    fn drawn(&self) -> String {
+        let (columns, mut parts) = (columns(), self.parts());
+        if columns < NARROW {
+            parts.truncate(PROGRESS);
+        }
+        wrapped(&parts, columns)
+    }
+
+    /// What there is to show: [`PROGRESS`] parts about the progress, then what the learners publish.
+    fn parts(&self) -> Vec<String> {
         let rate = self.first.map_or(0.0, |(t, since)| {
             (self.t_env - t.min(self.t_env)) as f64 / since.elapsed().as_secs_f64().max(1e-3)
         });
@@ -133,30 +153,71 @@ impl Display {
             "?".to_owned()
         };
         let test = self.test_return_mean.map_or("–".to_owned(), |mean| format!("{mean:.3}"));
-        let mean = |name: &str| {
-            let values: Vec<f64> = self.scalars.iter().flatten().filter_map(|m| find(m, name)).collect();
-            match values.len() {
-                0 => "–".to_owned(),
-                n => format!("{:.4}", values.iter().sum::<f64>() / n as f64),
-            }
-        };
+        let mut parts = vec![
+            format!("{} of {} steps", thousands(self.t_env), thousands(self.t_max)),
+            format!("{rate:.0}/s"),
+            format!("{left} left"),
+            format!("{} so far", duration(self.start.elapsed().as_secs_f64())),
+            format!("test return {test}"),
+            self.algo.clone(),
+        ];
+        parts
+            .extend(self.learned().map(|(name, mean)| format!("{} {}", name.replace('_', " "), short(mean))));
         let fast = self.scalars.iter().flatten().next().and_then(|m| find(m, "fast_agent"));
-        let fast = fast.map_or("–".to_owned(), |agent| format!("{agent:.0}"));
+        parts.extend(fast.map(|agent| format!("fast agent {agent:.0}")));
         let rates: Vec<String> = self.rates.iter().map(|rate| format!("{rate:e}")).collect();
-        format!(
-            "{} of {} steps · {:.0}/s · {} left · {} so far · test return {test}\n\
-             {} · actor loss {} · critic loss {} · entropy {} · fast agent {fast} · rates {}",
-            thousands(self.t_env),
-            thousands(self.t_max),
-            rate,
-            left,
-            duration(self.start.elapsed().as_secs_f64()),
-            self.algo,
-            mean("actor_loss"),
-            mean("critic_loss"),
-            mean("entropy"),
-            rates.join(" / "),
-        )
+        parts.push(format!("rates {}", rates.join(" / ")));
+        parts
+    }
+
+    /// Every scalar that the learners publish, whatever they are, with its mean over the agents.
+    fn learned(&self) -> impl Iterator<Item = (&str, f64)> {
+        let mut names: Vec<&str> = Vec::new();
+        for (name, _) in self.scalars.iter().flatten().flat_map(|metrics| &metrics.scalars) {
+            if !SHOWN_APART.contains(&name.as_str()) && !names.contains(&name.as_str()) {
+                names.push(name);
+            }
+        }
+        names.into_iter().map(|name| {
+            let values: Vec<f64> = self.scalars.iter().flatten().filter_map(|m| find(m, name)).collect();
+            (name, values.iter().sum::<f64>() / values.len() as f64)
+        })
+    }
+}
+
+/// How many of the parts are about the progress.
+const PROGRESS: usize = 5;
+const SEPARATOR: &str = " · ";
+
+/// Letters on a line of the terminal.
+fn columns() -> usize {
+    usize::from(Term::stderr().size().1)
+}
+
+/// Parts on lines of no more than `columns` letters; one that is longer has a line for itself.
+fn wrapped(parts: &[String], columns: usize) -> String {
+    let (mut text, mut used) = (String::new(), 0);
+    for part in parts {
+        let length = part.chars().count();
+        if used > 0 && used + SEPARATOR.chars().count() + length > columns {
+            text.push('\n');
+            used = 0;
+        } else if used > 0 {
+            text.push_str(SEPARATOR);
+            used += SEPARATOR.chars().count();
+        }
+        text.push_str(part);
+        used += length;
+    }
+    text
+}
+
+/// A number in a few letters.
+fn short(value: f64) -> String {
+    if value != 0.0 && !(1e-3..1e6).contains(&value.abs()) {
+        format!("{value:.2e}")
+    } else {
+        format!("{value:.4}")
     }
 }
 
@@ -189,6 +250,64 @@ fn duration(seconds: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn display(agents: usize) -> Display {
+        Display {
+            t_max: 2_000,
+            algo: "mtql".to_owned(),
+            rates: vec![6e-4, 2e-4],
+            start: Instant::now(),
+            first: None,
+            t_env: 0,
+            test_return_mean: None,
+            scalars: vec![None; agents],
+            bar: None,
+            show: Show::Nothing,
+            run: "r".to_owned(),
+            last_line: None,
+        }
+    }
+
+    fn metrics(scalars: &[(&str, f64)]) -> Metrics {
+        let scalars = scalars.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
+        Metrics { t_env: 1_000, update_calls: 3, scalars }
+    }
+
+    #[test]
+    fn whatever_a_learner_publishes_is_shown_as_the_mean_over_the_agents() {
+        let mut display = display(2);
+        display.hear(None, &metrics(&[("test_return_mean", 0.25)]));
+        display.hear(
+            Some(0),
+            &metrics(&[("loss", 1.0), ("q_taken_mean", 3e-5), ("lr", 6e-4), ("fast_agent", 0.0)]),
+        );
+        display
+            .hear(Some(1), &metrics(&[("loss", 2.0), ("epsilon", 0.5), ("lr", 2e-4), ("fast_agent", 0.0)]));
+        let parts = display.parts();
+        assert_eq!((&*parts[0], &*parts[4]), ("1,000 of 2,000 steps", "test return 0.250"));
+        let expected = [
+            "mtql",
+            "loss 1.5000",
+            "q taken mean 3.00e-5",
+            "epsilon 0.5000",
+            "fast agent 0",
+            "rates 6e-4 / 2e-4",
+        ];
+        assert_eq!(parts[PROGRESS..], expected);
+    }
+
+    #[test]
+    fn nothing_stands_for_scalars_that_nobody_has_published() {
+        assert_eq!(display(1).parts()[PROGRESS..], ["mtql", "rates 6e-4 / 2e-4"]);
+    }
+
+    #[test]
+    fn parts_are_wrapped_whole() {
+        let parts = ["1,000 of 2,000 steps", "20/s", "1 s left"].map(str::to_owned);
+        assert_eq!(wrapped(&parts, 80), "1,000 of 2,000 steps · 20/s · 1 s left");
+        assert_eq!(wrapped(&parts, 27), "1,000 of 2,000 steps · 20/s\n1 s left");
+        assert_eq!(wrapped(&parts, 10), "1,000 of 2,000 steps\n20/s\n1 s left");
+    }
 
     #[test]
     fn numbers_and_durations_read_well() {

@@ -2,12 +2,14 @@
 
 mod tasks;
 
+use std::fmt::Display;
 use std::path::PathBuf;
 
 use monitor::estimation::Problem;
 use monitor::{Found, PlotOptions};
 use process::Failure;
 use proto::exit;
+use serde::Serialize;
 use store::RunFolder;
 
 pub use tasks::Tasks;
@@ -35,15 +37,41 @@ pub struct Digest {
 impl Digest {
     pub fn run(&self) -> Result<(), Failure> {
         process::start_logs(None);
-        let digest = store::digest(&RunFolder::open(&self.run)?)?;
+        let folder = RunFolder::open(&self.run)?;
+        let agents = agents(&folder)?;
+        match store::digest(&folder, agents) {
+            Ok(digest) => self.print(&digest),
+            Err(why) if why.is_unfinished() => {
+                self.print(&store::partial_digest(&folder, agents)?)?;
+                Err(Failure::new(exit::AGAIN, format!("this is not the digest of the run: {why}")))
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn print(&self, digest: &(impl Display + Serialize)) -> Result<(), Failure> {
         if self.json {
-            let line = serde_json::to_string(&digest).map_err(|error| Failure::new(exit::BUG, error))?;
+            let line = serde_json::to_string(digest).map_err(|error| Failure::new(exit::BUG, error))?;
             println!("{line}");
         } else {
             println!("{digest}");
         }
         Ok(())
     }
+}
+
+/// How many agents a run has, by the only key that counts here: the rest may be of another version of Rondo.
+fn agents(folder: &RunFolder) -> Result<usize, Failure> {
+    let table = folder.config_toml().parse::<toml::Table>().ok();
+    let agents = table.as_ref().and_then(|table| table.get("world")?.get("agents")?.as_integer());
+    agents.and_then(|agents| usize::try_from(agents).ok()).filter(|&agents| agents > 0).ok_or_else(|| {
+        let text = format!(
+            "{}/config.toml does not say how many agents the run has (`world.agents`)\nhint: it is damaged or half \
+             copied, copy it again",
+            folder.path().display()
+        );
+        Failure::new(exit::CONFIG, text)
+    })
 }
 
 /// Draw learning curves

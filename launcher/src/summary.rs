@@ -83,7 +83,7 @@ pub fn collect(folder: &RunFolder, config: &Config, start: SystemTime) -> Result
             .as_f64()
             .map_or(0.0, |at| at - start.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()),
         env_steps_per_second: 0.0,
-        digest: store::digest(folder).ok().map(|digest| digest.digest),
+        digest: store::digest(folder, config.world.agents as usize).ok().map(|digest| digest.digest),
         bytes_by_key,
         roles,
         folder: folder.path().display().to_string(),

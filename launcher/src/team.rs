@@ -9,7 +9,7 @@ use process::Failure;
 use proto::config::Config;
 use proto::stream::stream;
 use proto::{exit, Mode, Observe};
-use store::RunFolder;
+use store::{Checkpoints, RunFolder};
 
 use crate::state;
 
@@ -26,7 +26,7 @@ impl Team {
     /// Reads the agents' checkpoints; changes nothing.
     ///
     /// # Errors
-    /// If it is no run, an agent's folder is not there, or there is no round of which all agents have a checkpoint.
+    /// If it is no run, or there is no round of which all agents have a checkpoint here: with who has what.
     pub fn open(run: &Path) -> Result<Self, Failure> {
         let folder = RunFolder::open(run)?;
         let config = Config::from_toml(folder.config_toml())?;
@@ -35,25 +35,30 @@ impl Team {
         let task = env_server::task(&config, folder.path())?;
         let names: Vec<String> = (0..config.world.agents).map(|id| format!("agent-{id}")).collect();
         let here = folder.roles()?;
-        if let Some(missing) = names.iter().find(|name| !here.contains(name)) {
-            let text = format!(
-                "{} has no folder `{missing}`\nhint: an agent that ran on another host keeps its weights there; copy \
-                 its folder here",
-                folder.path().display()
-            );
-            return Err(Failure::new(exit::CONFIG, text));
-        }
+        let (there, missing): (Vec<_>, Vec<_>) = names.iter().partition(|name| here.contains(name));
         let checkpoints: Vec<_> =
-            names.iter().map(|name| Ok(folder.role(name)?.checkpoints())).collect::<Result<_, Failure>>()?;
-        let mut common = checkpoints[0].rounds()?;
-        for others in &checkpoints[1..] {
-            let rounds = others.rounds()?;
-            common.retain(|round| rounds.contains(round));
-        }
-        let round = common.last().copied().ok_or_else(|| {
+            there.iter().map(|name| Ok(folder.role(name)?.checkpoints())).collect::<Result<_, Failure>>()?;
+        let held = checkpoints.iter().map(Checkpoints::rounds).collect::<Result<Vec<_>, _>>()?;
+        let common = |round: &&u64| held.iter().all(|rounds| rounds.contains(round));
+        let round = held.first().and_then(|first| first.iter().rev().find(common)).copied();
+        let round = round.filter(|_| missing.is_empty()).ok_or_else(|| {
+            let who_holds_what = names.iter().map(|name| {
+                match there.iter().position(|other| *other == name).map(|at| &held[at]) {
+                    None => format!("{name} has no folder here"),
+                    Some(rounds) if rounds.is_empty() => format!("{name} has no whole checkpoint"),
+                    Some(rounds) => format!("{name} has {}", listed(rounds)),
+                }
+            });
+            let who_holds_what: Vec<String> = who_holds_what.collect();
+            let hint = if held.iter().all(Vec::is_empty) {
+                "`rondo resume` it until its first checkpoint, or copy here what its agents have saved on other hosts"
+            } else {
+                "copy the folders of these agents, with all their checkpoints, from the hosts on which they ran"
+            };
             let text = format!(
-                "the agents of {} have no checkpoint of the same round\nhint: `rondo resume` it until the next one",
-                folder.path().display()
+                "the agents of {} have no checkpoint of the same round: {}\nhint: {hint}",
+                folder.path().display(),
+                who_holds_what.join(", "),
             );
             Failure::new(exit::CONFIG, text)
         })?;
@@ -105,6 +110,10 @@ impl Team {
         }
         Ok(worlds)
     }
+}
+
+fn listed(rounds: &[u64]) -> String {
+    rounds.iter().map(u64::to_string).collect::<Vec<_>>().join(" and ")
 }
 
 /// Apart from the episodes of training and of its tests.

@@ -49,17 +49,62 @@ impl fmt::Display for RunDigest {
     }
 }
 
-/// Digests the latest checkpoints of all agents, and the metric rows of the world and the agents.
+/// What can be digested of a run that is not all here: the agents one by one, and nothing over all of them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct PartialDigest {
+    /// Always none: there is no digest of a part of a run.
+    pub digest: Option<String>,
+    /// Over each agent's weights in its latest checkpoint; none where there is no such checkpoint.
+    pub agents: Vec<Option<String>>,
+    /// The round of each agent's latest checkpoint.
+    pub rounds: Vec<Option<u64>>,
+}
+
+impl fmt::Display for PartialDigest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:<9} none, this is a part of a run", "digest")?;
+        for (i, (agent, round)) in self.agents.iter().zip(&self.rounds).enumerate() {
+            write!(f, "\n{:<9} ", format!("agent-{i}"))?;
+            match (agent, round) {
+                (Some(agent), Some(round)) => write!(f, "{agent} (round {round})")?,
+                _ => write!(f, "missing")?,
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Digests the agents that have a checkpoint here, of the `agents` that the run has.
 ///
 /// # Errors
-/// [`Error::MissingRole`] if the world or an agent has no folder here, [`Error::NoCheckpoint`] if
+/// If what is here cannot be read.
+pub fn partial_digest(run: &RunFolder, agents: usize) -> Result<PartialDigest, Error> {
+    let here = run.roles()?;
+    let latest = agent_names(agents)
+        .map(|name| match here.contains(&name).then(|| agent_digest(run, &name)) {
+            None | Some(Err(Error::NoCheckpoint { .. })) => Ok(None),
+            Some(latest) => latest.map(Some),
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    Ok(PartialDigest {
+        digest: None,
+        agents: latest.iter().map(|latest| latest.map(|(_, agent)| hex(&agent))).collect(),
+        rounds: latest.iter().map(|latest| latest.map(|(round, _)| round)).collect(),
+    })
+}
+
+/// Digests the latest checkpoints of all agents, of which the run has `agents`, and the metric rows of the world and
+/// the agents.
+///
+/// # Errors
+/// [`Error::MissingRoles`] if the world or agents have no folder here, [`Error::NoCheckpoint`] if
 /// an agent has no checkpoint that is whole, [`Error::RoundsDiffer`] if the latest ones are of
-/// different rounds.
-pub fn digest(run: &RunFolder) -> Result<RunDigest, Error> {
-    let names = role_names(run)?;
+/// different rounds. In each of these cases there is a [`partial_digest`].
+pub fn digest(run: &RunFolder, agents: usize) -> Result<RunDigest, Error> {
+    let names = role_names(run, agents)?;
     let agents = &names[1..];
     let latest = agents.iter().map(|name| agent_digest(run, name)).collect::<Result<Vec<_>, _>>()?;
-    let (first_round, _) = latest[0]; // `role_names` returns at least one agent.
+    let (first_round, _) = latest[0]; // A run has at least one agent.
     if let Some(i) = latest.iter().position(|&(round, _)| round != first_round) {
         return Err(Error::RoundsDiffer {
             first: agents[0].clone(),
@@ -92,19 +137,19 @@ pub fn digest(run: &RunFolder) -> Result<RunDigest, Error> {
     })
 }
 
-/// The world, and then the agents from 0 on without a gap. There is no digest of a part of a run.
-fn role_names(run: &RunFolder) -> Result<Vec<String>, Error> {
-    let mut found = run.roles()?;
-    found.retain(|name| name != "coordinator");
-    let agents = found.iter().filter(|name| name.as_str() != "world").count();
-    let expected =
-        std::iter::once("world".to_owned()).chain((0..agents.max(1)).map(|i| format!("agent-{i}")));
-    for (i, role) in expected.enumerate() {
-        if found.get(i) != Some(&role) {
-            return Err(Error::MissingRole { path: run.path().to_owned(), role });
-        }
+/// The world and all agents. What else is in the folder is no part of the run's result.
+fn role_names(run: &RunFolder, agents: usize) -> Result<Vec<String>, Error> {
+    let here = run.roles()?;
+    let names: Vec<String> = std::iter::once("world".to_owned()).chain(agent_names(agents)).collect();
+    let missing: Vec<String> = names.iter().filter(|name| !here.contains(name)).cloned().collect();
+    if missing.is_empty() {
+        return Ok(names);
     }
-    Ok(found)
+    Err(Error::MissingRoles { path: run.path().to_owned(), roles: missing })
+}
+
+fn agent_names(agents: usize) -> impl Iterator<Item = String> {
+    (0..agents.max(1)).map(|agent| format!("agent-{agent}"))
 }
 
 fn agent_digest(run: &RunFolder, name: &str) -> Result<(u64, Hash), Error> {
@@ -189,11 +234,11 @@ mod tests {
         }
 
         fn digest(&self) -> RunDigest {
-            digest(&self.folder).unwrap()
+            digest(&self.folder, 2).unwrap()
         }
 
         fn refusal(&self) -> String {
-            let error = digest(&self.folder).unwrap_err();
+            let error = digest(&self.folder, 2).unwrap_err();
             assert!(error.is_unfinished() && !error.is_config() && !error.is_io());
             error.to_string().replace(&self.folder.path().display().to_string(), "RUN")
         }
@@ -302,20 +347,43 @@ mod tests {
     }
 
     #[test]
-    fn a_part_of_a_run_has_no_digest() {
+    fn a_part_of_a_run_has_no_digest_but_its_agents_have() {
         let run = Run::new();
-        for role in ["agent-0", "world"] {
-            fs::remove_dir_all(run.role(role).path()).unwrap();
-            assert!(
-                run.refusal().starts_with(&format!("`RUN` has no folder of {role}\n")),
-                "{}",
-                run.refusal()
-            );
-        }
-        let tmp = tempfile::tempdir().unwrap();
-        let empty = RunFolder::create(tmp.path(), "").unwrap();
-        empty.role("world").unwrap();
-        assert!(digest(&empty).unwrap_err().to_string().contains("has no folder of agent-0"));
+        let whole = run.digest();
+        run.save("agent-0", 40, |_| ());
+        assert!(run.refusal().starts_with("the agents' latest checkpoints are of different rounds"));
+        fs::remove_dir_all(run.role("agent-1").path()).unwrap();
+        let hint = "\nhint: a role that ran on another host keeps its folder there, copy it here; a run that has not \
+                    come to its first checkpoint goes on with `rondo resume`";
+        assert_eq!(run.refusal(), format!("`RUN` has no folder of agent-1{hint}"));
+        let part = partial_digest(&run.folder, 2).unwrap();
+        assert_eq!(
+            (&part.agents, &part.rounds),
+            (&vec![whole.agents.first().cloned(), None], &vec![Some(40), None])
+        );
+        assert_eq!(
+            part.to_string(),
+            format!(
+                "digest    none, this is a part of a run\nagent-0   {} (round 40)\nagent-1   missing",
+                whole.agents[0]
+            )
+        );
+        assert_eq!(
+            serde_json::to_string(&part).unwrap(),
+            format!(r#"{{"digest":null,"agents":["{}",null],"rounds":[40,null]}}"#, whole.agents[0])
+        );
+        assert!(!run.folder.path().join("agent-1").exists(), "reading creates nothing");
+        fs::remove_dir_all(run.role("world").path()).unwrap();
+        assert_eq!(run.refusal(), format!("`RUN` has no folder of world, agent-1{hint}"));
+    }
+
+    #[test]
+    fn agents_are_counted_as_the_run_has_them() {
+        let run = Run::new();
+        let two = run.digest();
+        run.role("agent-5");
+        assert_eq!(run.digest(), two);
+        assert!(matches!(digest(&run.folder, 3), Err(Error::MissingRoles { .. })));
     }
 
     #[test]

@@ -97,11 +97,12 @@ pub enum Error {
     RoundsDiffer { first: String, first_round: u64, other: String, other_round: u64 },
 
     #[error(
-        "`{}` has no folder of {role}\n\
-         hint: copy the run's folders of all hosts into one place first",
-        path.display()
+        "`{}` has no folder of {}\n\
+         hint: a role that ran on another host keeps its folder there, copy it here; a run that has not come to its \
+         first checkpoint goes on with `rondo resume`",
+        path.display(), roles.join(", ")
     )]
-    MissingRole { path: PathBuf, role: String },
+    MissingRoles { path: PathBuf, roles: Vec<String> },
 
     #[error("`{name}` is not a role: expected `world`, `coordinator` or `agent-<number>`")]
     RoleName { name: String },
@@ -135,7 +136,7 @@ impl Error {
 
     /// The run has not come far enough, or is not all here: exit code 75.
     pub fn is_unfinished(&self) -> bool {
-        matches!(self, Self::NoCheckpoint { .. } | Self::RoundsDiffer { .. } | Self::MissingRole { .. })
+        matches!(self, Self::NoCheckpoint { .. } | Self::RoundsDiffer { .. } | Self::MissingRoles { .. })
     }
 
     /// For `map_err`: says what was being done to which path.

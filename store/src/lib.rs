@@ -35,7 +35,7 @@ mod error;
 mod files;
 
 pub use checkpoints::{Checkpoint, Checkpoints, KEEP};
-pub use digest::{digest, digest_of, RunDigest};
+pub use digest::{digest, digest_of, partial_digest, PartialDigest, RunDigest};
 pub use episodes::Episodes;
 pub use error::Error;
 pub use metrics::{MetricsWriter, Position, Row};

@@ -24,4 +24,5 @@ mod resume;
 mod same_command;
 mod seeds;
 mod strangers;
+mod terminals;
 mod worlds;

@@ -128,11 +128,19 @@ fn what_cannot_be_evaluated_is_refused_before_anything_is_written() {
 
     let (there, away) = (run.join("agent-1"), cluster.path("agent-1"));
     fs::rename(&there, &away).expect("moved");
-    let lacks = format!("error: {} has no folder `agent-1`", run.display());
-    refused(&[], 78, &[&lacks, "hint: an agent that ran on another host keeps its weights there; copy"]);
+    let apart = format!("error: the agents of {} have no checkpoint of the same round: ", run.display());
+    let copy = "hint: copy the folders of these agents, with all their checkpoints, from the hosts on which they ran";
+    refused(&[], 78, &[&apart, "agent-1 has no folder here", copy]);
+    assert!(!there.exists(), "looking creates nothing");
     fs::create_dir(&there).expect("created");
-    let apart = format!("error: the agents of {} have no checkpoint of the same round", run.display());
-    refused(&[], 78, &[&apart, "hint: `rondo resume` it until the next one"]);
+    refused(&[], 78, &[&apart, "agent-1 has no whole checkpoint", copy]);
+    // A run that has not come to its first checkpoint.
+    let (checkpoints, aside) = (run.join("agent-0").join("checkpoints"), cluster.path("checkpoints"));
+    fs::rename(&checkpoints, &aside).expect("moved");
+    let young = "agent-0 has no whole checkpoint, agent-1 has no whole checkpoint\nhint: `rondo resume` it until its \
+                 first checkpoint, or copy here";
+    refused(&[], 78, &[&apart, young]);
+    fs::rename(&aside, &checkpoints).expect("moved");
     fs::remove_dir(&there).expect("removed");
     fs::rename(&away, &there).expect("moved");
     play(&cluster, "eval", &[]).succeeds();
@@ -141,6 +149,34 @@ fn what_cannot_be_evaluated_is_refused_before_anything_is_written() {
     play(&cluster, "eval", &[])
         .wait()
         .fails_with(78, &["is not a run folder: there is no config.toml in it"]);
+}
+
+#[test]
+fn a_digest_of_a_part_of_a_run_says_what_is_missing() {
+    let cluster = trained(foraging());
+    let run = cluster.path("run");
+    let whole: serde_json::Value = serde_json::from_str(&cluster.digest("run")).expect("JSON");
+    fs::rename(run.join("agent-1"), cluster.path("agent-1")).expect("moved");
+    let part = play(&cluster, "digest", &["--json"]).wait();
+    part.fails_with(
+        75,
+        &["error: this is not the digest of the run: ", "has no folder of agent-1\nhint: a role that"],
+    );
+    let part: serde_json::Value = serde_json::from_str(&part.stdout).expect("JSON");
+    assert_eq!((&part["digest"], &part["agents"][1]), (&serde_json::Value::Null, &serde_json::Value::Null));
+    assert_eq!(part["agents"][0], whole["agents"][0]);
+    assert!(play(&cluster, "digest", &[])
+        .wait()
+        .stdout
+        .contains("digest    none, this is a part of a run\n"));
+    fs::rename(cluster.path("agent-1"), run.join("agent-1")).expect("moved");
+    // A configuration that was cut while it was copied.
+    let config = fs::read_to_string(run.join("config.toml")).expect("read");
+    fs::write(run.join("config.toml"), &config[..20]).expect("written");
+    let half =
+        "/config.toml does not say how many agents the run has (`world.agents`)\nhint: it is damaged or half";
+    play(&cluster, "digest", &[]).wait().fails_with(78, &[half]);
+    play(&cluster, "eval", &[]).wait().fails_with(78, &["error: "]);
 }
 
 #[test]
