@@ -12,6 +12,8 @@ use proto::exit;
 use serde::Serialize;
 use store::RunFolder;
 
+use crate::notes;
+
 pub use tasks::Tasks;
 
 pub fn unusable(error: monitor::Error) -> Failure {
@@ -150,6 +152,9 @@ pub struct Compare {
 impl Compare {
     pub fn run(&self) -> Result<(), Failure> {
         let ours = load(&self.runs, &self.metric)?;
+        for note in notes::on_curves(&ours) {
+            eprintln!("note: {note}");
+        }
         if self.reference.is_empty() {
             let scores = monitor::scores(&monitor::group(ours));
             let tables: Vec<String> = scores.iter().map(ToString::to_string).collect();

@@ -1,6 +1,9 @@
 //! What a person should know about the numbers of a run before they read them, in a line each.
 
+use std::collections::BTreeSet;
+
 use envs::Opponent;
+use monitor::Curve;
 use proto::config::{Config, EndOfBatch};
 
 use crate::experiment::Experiment;
@@ -49,17 +52,26 @@ fn rule_brought(experiment: &Experiment, config: &Config) -> Option<String> {
 /// That the opponent of a run is not the one of the published tables; none where there is no opponent, or where its
 /// weights came from a file.
 pub fn opponent(config: &Config) -> Option<String> {
-    let world = &config.world;
+    opponent_in(&config.world.task, &config.world.opponent)
+}
+
+/// [`opponent`] by the task's and the opponent's names.
+fn opponent_in(task: &str, opponent: &str) -> Option<String> {
     let has_one = |task: envs::Task| task.with_opponent(&Opponent::Still).is_ok();
-    let ours = ["builtin", "random", "still"].contains(&world.opponent.as_str());
-    (ours && envs::task(&world.task).is_ok_and(has_one)).then(|| {
+    let ours = ["builtin", "random", "still"].contains(&opponent);
+    (ours && envs::task(task).is_ok_and(has_one)).then(|| {
         format!(
-            "the opponent in {} is Rondo's own ({}), not the reference's, which is not included: returns do not \
-             compare with the paper's tables; `--opponent FILE` takes the reference's weights \
-             (envs/opponents/README.md)",
-            world.task, world.opponent
+            "the opponent in {task} is Rondo's own ({opponent}), not the reference's, which is not included: returns \
+             do not compare with the paper's tables; `--opponent FILE` takes the reference's weights \
+             (envs/opponents/README.md)"
         )
     })
+}
+
+/// What there is to know about curves before they are compared, a line each.
+pub fn on_curves(curves: &[Curve]) -> BTreeSet<String> {
+    let opponent = |curve: &Curve| opponent_in(&curve.task, curve.settings.get("world.opponent")?);
+    curves.iter().filter_map(opponent).collect()
 }
 
 #[cfg(test)]

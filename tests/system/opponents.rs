@@ -276,6 +276,10 @@ fn a_run_against_our_own_opponent_says_that_the_papers_is_another_one() {
         eval.arg("eval").arg(cluster.path("paper")).arg("--episodes=2");
         let ended = Process::start(eval).succeeds();
         assert!(ended.stdout.contains(&format!("not comparable   {expected}")), "{ended:#?}");
+        let mut compare = rondo();
+        compare.arg("compare").arg(cluster.path("paper"));
+        let ended = Process::start(compare).succeeds();
+        assert_eq!(ended.stderr.matches(&note).count(), 1, "{ended:#?}");
     }
     let cluster = Cluster::new();
     let ended = cluster.train("random", tag(), ["--opponent=random", "--in-process"]).succeeds();
