@@ -29,7 +29,10 @@ impl Team {
     /// If it is no run, or there is no round of which all agents have a checkpoint here: with who has what.
     pub fn open(run: &Path) -> Result<Self, Failure> {
         let folder = RunFolder::open(run)?;
-        let config = Config::from_toml(folder.config_toml())?;
+        let config = Config::from_toml(folder.config_toml()).map_err(|error| {
+            let text = format!("{}/config.toml: {error}", folder.path().display());
+            Failure::new(exit::CONFIG, text)
+        })?;
         config.validate()?;
         state::check_unchanged(&folder, &config)?;
         let task = env_server::task(&config, folder.path())?;

@@ -99,7 +99,7 @@ pub fn partial_digest(run: &RunFolder, agents: usize) -> Result<PartialDigest, E
 /// # Errors
 /// [`Error::MissingRoles`] if the world or agents have no folder here, [`Error::NoCheckpoint`] if
 /// an agent has no checkpoint that is whole, [`Error::RoundsDiffer`] if the latest ones are of
-/// different rounds. In each of these cases there is a [`partial_digest`].
+/// different rounds, [`Error::NoMetrics`] if a role's metric rows are not here. In each of these cases there is a [`partial_digest`].
 pub fn digest(run: &RunFolder, agents: usize) -> Result<RunDigest, Error> {
     let names = role_names(run, agents)?;
     let agents = &names[1..];
@@ -116,7 +116,11 @@ pub fn digest(run: &RunFolder, agents: usize) -> Result<RunDigest, Error> {
 
     let mut hasher = Hasher::new();
     for name in &names {
-        let lines = complete_lines(&run.role(name)?.metrics_path())?;
+        let path = run.role(name)?.metrics_path();
+        if !path.exists() {
+            return Err(Error::NoMetrics { path });
+        }
+        let lines = complete_lines(&path)?;
         put_text(&mut hasher, name);
         put_number(&mut hasher, lines.len());
         hasher.update(&lines);
@@ -323,7 +327,7 @@ mod tests {
     fn a_row_that_moves_to_another_role_changes_the_digest() {
         let run = Run::new();
         let before = run.digest();
-        fs::rename(run.role("agent-0").metrics_path(), run.role("agent-0").path().join("x")).unwrap();
+        fs::write(run.role("agent-0").metrics_path(), "").unwrap();
         let path = run.role("agent-1").metrics_path();
         fs::write(&path, fs::read_to_string(&path).unwrap().repeat(2)).unwrap();
         assert_ne!(run.digest().metrics, before.metrics);
@@ -375,6 +379,15 @@ mod tests {
         assert!(!run.folder.path().join("agent-1").exists(), "reading creates nothing");
         fs::remove_dir_all(run.role("world").path()).unwrap();
         assert_eq!(run.refusal(), format!("`RUN` has no folder of world, agent-1{hint}"));
+    }
+
+    #[test]
+    fn a_role_whose_metric_rows_were_not_copied_is_named() {
+        for role in ["world", "agent-1"] {
+            let run = Run::new();
+            fs::remove_file(run.role(role).metrics_path()).unwrap();
+            assert!(run.refusal().starts_with(&format!("there is no `RUN/{role}/metrics.jsonl`\nhint: ")));
+        }
     }
 
     #[test]

@@ -85,7 +85,8 @@ pub enum Error {
 
     #[error(
         "`{}` holds no checkpoint that is whole\n\
-         hint: let the run come to its first save, or continue it with `rondo resume`",
+         hint: continue the run with `rondo resume` until its next save, or copy here what this role has saved on \
+         another host",
         path.display()
     )]
     NoCheckpoint { path: PathBuf },
@@ -103,6 +104,13 @@ pub enum Error {
         path.display(), roles.join(", ")
     )]
     MissingRoles { path: PathBuf, roles: Vec<String> },
+
+    #[error(
+        "there is no `{}`\n\
+         hint: a role writes that file from its start on, and the digest is over its rows; copy it here",
+        path.display()
+    )]
+    NoMetrics { path: PathBuf },
 
     #[error("`{name}` is not a role: expected `world`, `coordinator` or `agent-<number>`")]
     RoleName { name: String },
@@ -136,7 +144,13 @@ impl Error {
 
     /// The run has not come far enough, or is not all here: exit code 75.
     pub fn is_unfinished(&self) -> bool {
-        matches!(self, Self::NoCheckpoint { .. } | Self::RoundsDiffer { .. } | Self::MissingRoles { .. })
+        matches!(
+            self,
+            Self::NoCheckpoint { .. }
+                | Self::RoundsDiffer { .. }
+                | Self::MissingRoles { .. }
+                | Self::NoMetrics { .. }
+        )
     }
 
     /// For `map_err`: says what was being done to which path.

@@ -176,7 +176,8 @@ fn a_digest_of_a_part_of_a_run_says_what_is_missing() {
     let half =
         "/config.toml does not say how many agents the run has (`world.agents`)\nhint: it is damaged or half";
     play(&cluster, "digest", &[]).wait().fails_with(78, &[half]);
-    play(&cluster, "eval", &[]).wait().fails_with(78, &["error: "]);
+    let toml = format!("error: {}/config.toml: the configuration cannot be read: ", run.display());
+    play(&cluster, "eval", &[]).wait().fails_with(78, &[&toml]);
 }
 
 #[test]
