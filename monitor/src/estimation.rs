@@ -383,7 +383,7 @@ fn isolated_root(t: f64, m: f64, d: f64) -> f64 {
 }
 
 /// The largest modulus of an eigenvalue: below 1 the iteration converges, from any start. It is the limit of
-/// `‖A^m‖^(1/m)`; squaring [`SQUARINGS`] times makes `m` so large that nothing of the norm's choice is left, and an
+/// `‖A^m‖^(1/m)`; squaring 50 times makes `m` so large that nothing of the norm's choice is left, and an
 /// error in a late square counts for nothing.
 pub fn spectral_radius(a: &Matrix) -> f64 {
     /// `m = 2^50`.

@@ -32,7 +32,7 @@ pub struct Curve {
     /// What may change the result, as `section.key` and text. Where to save, what to log, how long
     /// to train and the seed are not part of it.
     pub settings: BTreeMap<String, String>,
-    /// In rising order of `t_env`; never empty when it comes from [`load`].
+    /// In rising order of `t_env`; never empty in what a run folder brings.
     pub points: Vec<Point>,
     /// The run folder or file it was read from.
     pub source: PathBuf,
