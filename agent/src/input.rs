@@ -1,4 +1,4 @@
-//! What a network is shown: the observation, and on request the agent's last action and its number (spec §1.4).
+//! What a network is shown: the observation, and on request the agent's last action and its number (algorithms §1.4).
 
 use proto::config::Algo;
 use proto::Observe;

@@ -1,4 +1,4 @@
-//! The ring buffer of a learner that replays experience (spec §5.1): the last `capacity` episodes, on disk
+//! The ring buffer of a learner that replays experience (algorithms §5.1): the last `capacity` episodes, on disk
 //! all of them, in memory as many of the newest as fit into a bound.
 //!
 //! The bound is a matter of speed alone: episodes in memory are the same bytes as on disk.

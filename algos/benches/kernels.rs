@@ -1,4 +1,4 @@
-//! Forward and backward passes through the networks of spec §1.1, beside the plain candle expression of the same,
+//! Forward and backward passes through the networks of algorithms §1.1, beside the plain candle expression of the same,
 //! and beside matrix products alone: items are floating-point operations, so items per second compare directly.
 //!
 //! ```text

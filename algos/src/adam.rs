@@ -1,7 +1,7 @@
 //! Gradient clipping and Adam (β 0.9 / 0.999, ε 1e-8), one pass over a flat parameter vector.
 //!
 //! Own code because resuming a run exactly needs the moments, which candle keeps private, and because
-//! the learning rate changes from one call to the next while the moments stay (spec §6.4).
+//! the learning rate changes from one call to the next while the moments stay (algorithms §6.4).
 
 use crate::kernels::math::{sum_of_squares, vectorized};
 

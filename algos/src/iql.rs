@@ -1,20 +1,20 @@
-//! Independent Q-learning, one learner per agent. Steps and symbols are those of spec §5.2.
+//! Independent Q-learning, one learner per agent. Steps and symbols are those of algorithms §5.2.
 //!
 //! ```text
 //! q  = Q(o_0 … o_T)     q̄ = Q̄(o_0 … o_T)                     each with a recurrent state of its own, from zero
 //! a* = argmax over available a of q[t+1, a]                  double Q; otherwise of q̄[t+1, a]
 //! y  = r + γ (1 − term) q̄[t+1, a*]                           a constant
 //! loss = Σ m (q[t, a_t] − y)² / Σ m                          clip, Adam
-//! target update (§4.4)
+//! target update (algorithms §4.4)
 //! ```
 //!
 //! As in [`crate::ppo`] the sums run over the team in the reference, so that one agent's gradient is `1/n`
-//! of its own mean loss (§3.3), and the norm of the clip is this agent's alone.
+//! of its own mean loss (algorithms §3.3), and the norm of the clip is this agent's alone.
 //!
 //! The minibatch goes through the networks in parts that fit the cache; the gradients of the parts add up.
 //!
 //! Which episodes an update call learns from is the caller's choice ([`sample_distinct`]); multi-timescale
-//! learning (§6) is in the rates that it passes. Absent on purpose: a Huber loss, targets of several
+//! learning (algorithms §6) is in the rates that it passes. Absent on purpose: a Huber loss, targets of several
 //! steps, prioritised replay, importance weights, RMSProp.
 
 mod batch;
@@ -37,10 +37,10 @@ use batch::{Batch, Part};
 
 pub use draws::{epsilon, sample_distinct};
 
-/// What forbidden actions are worth in a target (§3.1). It shows only where none is allowed.
+/// What forbidden actions are worth in a target (algorithms §3.1). It shows only where none is allowed.
 const FORBIDDEN: f32 = -9_999_999.0;
 
-/// Hyperparameters of one learner; defaults and sources are in spec §§5, 9.2.
+/// Hyperparameters of one learner; defaults and sources are in algorithms §5, §9.2.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
     /// Shape of the network.
@@ -59,7 +59,7 @@ pub struct Config {
     pub reward_standardisation: Standardisation,
     /// At learning rate 0 Adam's moments stand still too (`hold`) instead of following the gradient.
     pub hold_frozen_moments: bool,
-    /// An episode that only the step limit ended counts as terminated (§3.4): its last target is the
+    /// An episode that only the step limit ended counts as terminated (algorithms §3.4): its last target is the
     /// reward alone.
     pub time_limit_is_terminal: bool,
     /// The online network chooses the action whose target value counts, instead of the target network.
@@ -124,7 +124,7 @@ struct Work {
 }
 
 impl Iql {
-    /// A fresh learner; `rng` gives the initial weights (§1.3), which the target network shares.
+    /// A fresh learner; `rng` gives the initial weights (algorithms §1.3), which the target network shares.
     pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
         let network =
             Network { kind: config.network, inputs: obs_size, hidden: config.hidden, outputs: n_actions };

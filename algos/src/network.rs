@@ -1,4 +1,4 @@
-//! The two agent networks of spec §1.1 and the critic of §1.2, over flat parameter vectors.
+//! The two agent networks of algorithms §1.1 and the critic of algorithms §1.2, over flat parameter vectors.
 //!
 //! ```text
 //! FC :  x = relu(L1 o)   h = relu(L2 x)        out = L3 h

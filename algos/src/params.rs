@@ -11,7 +11,7 @@ pub struct Block {
     pub name: &'static str,
     /// `[in, out]` of a weight (the transpose of PyTorch's), `[out]` of a bias.
     pub shape: Vec<usize>,
-    /// Initial values are uniform on `[-bound, bound]` (spec §1.3).
+    /// Initial values are uniform on `[-bound, bound]` (algorithms §1.3).
     pub bound: f32,
 }
 

@@ -1,24 +1,24 @@
-//! Independent PPO, one learner per agent. Steps and symbols are those of spec §4.1.
+//! Independent PPO, one learner per agent. Steps and symbols are those of algorithms §4.1.
 //!
 //! ```text
-//! V̄      = target critic on o_0 … o_T                          G = n-step return (§4.3)
+//! V̄      = target critic on o_0 … o_T                          G = n-step return (algorithms §4.3)
 //! repeat for every epoch, over the full batch:
 //!   A     = G − V                                              V before this epoch's critic step
 //!   critic loss = Σ m (G − V)² / Σ m                           clip, Adam
 //!   ρ     = exp( log(π(a)+1e-10) − log(p_old+1e-10) )
 //!   S     = min( ρ A, clip(ρ, 1−ε, 1+ε) A )                    H = −Σ_a π(a) log(π(a)+1e-10)
 //!   actor loss  = −Σ m (S + c_ent H) / Σ m                     clip, Adam
-//! target critic update (§4.4)
+//! target critic update (algorithms §4.4)
 //! ```
 //!
 //! The sums run over the team in the reference, so that one agent's gradient is `1/n` of its own mean
-//! loss (§3.3); the factor is kept because it matters for the clip, whose norm is this agent's alone
+//! loss (algorithms §3.3); the factor is kept because it matters for the clip, whose norm is this agent's alone
 //! (`clip_scope = per_agent`): agents never see each other's gradients.
 //!
 //! The batch goes through the networks in parts that fit the cache. Gradients add up over the parts of an epoch, so
 //! that these are no minibatches. The critic does not depend on the actor, so both may learn at the same time.
 //!
-//! Multi-timescale learning (§6) is no other algorithm: the caller passes this call's learning rates,
+//! Multi-timescale learning (algorithms §6) is no other algorithm: the caller passes this call's learning rates,
 //! and Adam's moments are kept when they change. Absent on purpose: GAE, advantage normalisation,
 //! minibatches, value clipping, early stopping, rate decay.
 
@@ -47,10 +47,10 @@ use critic::Critic;
 
 pub use crate::saved::{NamedTensor, RestoreError};
 
-/// Hyperparameters of one learner; defaults and sources are in spec §§4.2, 9.1.
+/// Hyperparameters of one learner; defaults and sources are in algorithms §4.2, §9.1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
-    /// Shape of the actor; the critic is always feed-forward (§1.2).
+    /// Shape of the actor; the critic is always feed-forward (algorithms §1.2).
     pub actor: Kind,
     /// Hidden width of actor and critic, `H`.
     pub hidden: usize,
@@ -137,12 +137,12 @@ pub struct Ppo {
 }
 
 impl Ppo {
-    /// A fresh learner; `rng` gives the initial weights of the actor, then of the critic (§1.3).
+    /// A fresh learner; `rng` gives the initial weights of the actor, then of the critic (algorithms §1.3).
     pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
         Self::with_extra_inputs(config, (obs_size, 0), n_actions, rng)
     }
 
-    /// The same; the actor is shown `extra` numbers after each observation, which the critic is not (§1.4).
+    /// The same; the actor is shown `extra` numbers after each observation, which the critic is not (algorithms §1.4).
     pub fn with_extra_inputs(
         config: Config,
         (obs_size, extra): (usize, usize),

@@ -1,4 +1,4 @@
-//! n-step returns exactly as the reference computes them, and three variants (spec §4.3).
+//! n-step returns exactly as the reference computes them, and three variants (algorithms §4.3).
 //!
 //! ```text
 //! K    = min(N, T − t)
@@ -71,7 +71,7 @@ pub fn n_step_returns(episode: &Episode, n: usize, gamma: f32, rule: EndOfBatch,
 mod tests {
     use super::*;
 
-    /// The test vector of spec §4.3: γ = 0.9, N = 2, T = 4.
+    /// The test vector of algorithms §4.3: γ = 0.9, N = 2, T = 4.
     fn returns(rule: EndOfBatch, rewards: [f32; 4], values: [f32; 5], length: usize) -> Vec<f32> {
         let episode = Episode { rewards: &rewards, values: &values, length, time_limit: true };
         let mut out = vec![f32::NAN; 4];
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     fn padded_slots_of_a_short_episode_change_nothing() {
-        // L = 2 ≤ T − N = 2 (spec §12, check 5).
+        // L = 2 ≤ T − N = 2 (algorithms §12, check 5).
         let expected = returns(EndOfBatch::Epymarl, SHORT.0, SHORT.1, 2);
         let changed = returns(EndOfBatch::Epymarl, [4., 5., 77., -7.], [60., 70., 1e6, -1e6, 5e5], 2);
         assert_eq!(expected, changed);

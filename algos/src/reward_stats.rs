@@ -1,4 +1,4 @@
-//! Reward standardisation (spec §2.6): running statistics, or those of the batch alone.
+//! Reward standardisation (algorithms §2.6): running statistics, or those of the batch alone.
 
 /// Which statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,4 +1,4 @@
-//! When and how a target network follows the one that learns (spec §4.4).
+//! When and how a target network follows the one that learns (algorithms §4.4).
 
 /// Brings `target` up to date after update call number `update_calls`, counted from 1.
 ///

@@ -55,7 +55,7 @@ fn bits(learner: &Iql, owner: &str) -> Vec<u32> {
 
 #[test]
 fn initial_weights_have_the_spread_of_the_uniform_distribution_and_the_target_is_an_exact_copy() {
-    // Spec §1.3, §12 check 8: standard deviation 1 / sqrt(3 fan_in), bounds ±1 / sqrt(fan_in); of a GRU
+    // algorithms §1.3, §12 check 8: standard deviation 1 / sqrt(3 fan_in), bounds ±1 / sqrt(fan_in); of a GRU
     // the fan-in is the hidden width throughout.
     for network in KINDS {
         let learner = learner(Config { hidden: 128, ..config(network) });
@@ -113,7 +113,7 @@ fn a_polyak_target_is_the_running_mean_of_the_networks() {
 
 #[test]
 fn a_frozen_agent_keeps_its_weights_while_its_moments_follow_the_option() {
-    // Spec §12, check 3.
+    // algorithms §12, check 3.
     for (network, hold) in KINDS.into_iter().flat_map(|kind| [(kind, false), (kind, true)]) {
         let mut learner = learner(Config { hold_frozen_moments: hold, ..config(network) });
         let before = learner.clone();
@@ -133,7 +133,7 @@ fn a_frozen_agent_keeps_its_weights_while_its_moments_follow_the_option() {
 
 #[test]
 fn the_length_of_the_others_in_a_minibatch_changes_nothing_of_an_episode() {
-    // Spec §12, check 5. What would be padding has no rows here, so the errors of a short episode are the
+    // algorithms §12, check 5. What would be padding has no rows here, so the errors of a short episode are the
     // same alone and beside a long one: means over all steps are means of the single ones.
     for network in KINDS {
         let update = |episodes: &[Episode]| learner(config(network)).update(episodes, 0.0);

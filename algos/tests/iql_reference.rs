@@ -50,7 +50,7 @@ fn episodes(lengths: &[usize], reward_scale: f32, rng: &mut ChaCha8Rng) -> Vec<E
     lengths.iter().map(of_length).collect()
 }
 
-/// §2.6, memory included.
+/// algorithms §2.6, memory included.
 struct Rewards {
     mean: f64,
     var: f64,

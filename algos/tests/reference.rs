@@ -69,7 +69,7 @@ fn play(learner: &mut Ppo, lengths: &[usize], reward_scale: f32, rng: &mut ChaCh
     rollout
 }
 
-/// Dense arrays of a round (spec §2): `B` episodes, `T + 1` slots, zeros and mask 0 after the end.
+/// Dense arrays of a round (algorithms §2): `B` episodes, `T + 1` slots, zeros and mask 0 after the end.
 struct Dense {
     obs: Tensor,
     avail: Tensor,
@@ -107,7 +107,7 @@ fn dense(rollout: &Rollout) -> Result<Dense> {
     })
 }
 
-/// §4.3 as it is printed there.
+/// algorithms §4.3 as it is printed there.
 fn returns(rewards: &[f64], mask: &[f64], values: &[f64], n: usize, gamma: f64) -> Vec<f64> {
     let batch_length = rewards.len();
     (0..batch_length)
@@ -272,7 +272,7 @@ fn actor_and_critic_that_learn_at_once_come_to_the_same_bits() {
 
 #[test]
 fn initial_weights_have_the_spread_of_the_uniform_distribution() {
-    // Spec §1.3, §12 check 8: standard deviation 1 / sqrt(3 fan_in), bounds ±1 / sqrt(fan_in).
+    // algorithms §1.3, §12 check 8: standard deviation 1 / sqrt(3 fan_in), bounds ±1 / sqrt(fan_in).
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let config = Config { hidden: 128, ..config(Kind::Gru) };
     let learner = Ppo::new(config, 12, 6, &mut rng);
@@ -309,7 +309,7 @@ fn target_critic_starts_as_an_exact_copy() {
 
 #[test]
 fn a_frozen_agent_keeps_its_weights_while_its_moments_follow_the_option() {
-    // Spec §12, check 3.
+    // algorithms §12, check 3.
     for hold in [false, true] {
         let config = Config { hold_frozen_moments: hold, target_update: 200.0, ..config(Kind::Gru) };
         let mut rng = ChaCha8Rng::seed_from_u64(5);

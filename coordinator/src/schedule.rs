@@ -1,4 +1,4 @@
-//! The multi-timescale schedule (spec §6) as a pure function of the update call.
+//! The multi-timescale schedule (algorithms §6) as a pure function of the update call.
 //!
 //! ```text
 //! period of update call u       p = ⌊ u / s ⌋
@@ -6,7 +6,7 @@
 //! fast(u) = p mod n             the agent at the head of the pattern
 //! ```
 //!
-//! Not Algorithm 1 of the paper to the letter: its index slips by one, see spec §6.2.
+//! Not Algorithm 1 of the paper to the letter: its index slips by one, see algorithms §6.2.
 
 use proto::config::{Config, Period, SwitchUnit};
 use proto::control::Rates;

@@ -150,7 +150,7 @@ impl Copies {
         }
     }
 
-    /// What an agent learns from (spec §2.5), out of everybody's own rewards.
+    /// What an agent learns from (algorithms §2.5), out of everybody's own rewards.
     fn reward_of(&self, agent: usize, rewards: &[f64]) -> f64 {
         match self.reward {
             Reward::Sum => rewards.iter().sum(),

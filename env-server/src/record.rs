@@ -83,7 +83,7 @@ impl Unlogged {
 
 impl Edge {
     /// A test is due: after the first round, and whenever `interval` steps have passed since the last
-    /// (spec §8.1).
+    /// (algorithms §8.1).
     pub fn test_is_due(&self, interval: u64) -> bool {
         self.last_test.is_none_or(|last| self.t_env - last >= interval)
     }

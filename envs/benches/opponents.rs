@@ -6,7 +6,7 @@
 //! cargo bench -p envs --bench opponents -- path/prey.safetensors path/adversary.safetensors
 //! ```
 //!
-//! The scripts are those of the specification's table (spec §8): predators chase the prey, and both good agents
+//! The scripts are those of the specification's table (mpe §8): predators chase the prey, and both good agents
 //! go to the goal.
 
 use std::path::Path;

@@ -78,7 +78,7 @@ struct Evaluation<'a> {
     /// Why these returns are not those of the published tables, where a reader could take them for it.
     #[serde(skip_serializing_if = "Option::is_none")]
     not_comparable: Option<String>,
-    /// Divisor `k`, as in tests (spec §8.2).
+    /// Divisor `k`, as in tests (algorithms §8.2).
     return_std: f64,
     /// Sample standard deviation (divisor `k - 1`) over the root of `k`; none of a single episode.
     return_stderr: Option<f64>,

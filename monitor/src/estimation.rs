@@ -2,7 +2,7 @@
 //! answers. It shows that best responses at once can diverge where best responses in turn converge, and that the
 //! sequential scheme can become faster when the others move slowly meanwhile. It does not show that agents need
 //! different timescales: all at once, damped by one common factor, is a little faster still in the paper's case
-//! (spec §10). Pure mathematics; no file, no picture.
+//! (algorithms §10). Pure mathematics; no file, no picture.
 //!
 //! ```text
 //! x ~ N(0,1),  y_i = x + v_i,  v_i ~ N(0, σ²),  ẑ_i = K_i y_i          n agents

@@ -1,5 +1,5 @@
 //! The analytic example as a picture: the gains of the agents under both schemes of the paper, how fast each scheme
-//! approaches the optimum, and the spectral radius over ω (spec §10).
+//! approaches the optimum, and the spectral radius over ω (algorithms §10).
 
 use std::path::Path;
 

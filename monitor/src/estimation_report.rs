@@ -1,4 +1,4 @@
-//! The analytic example as text: what a reproduction of spec §10 has to show.
+//! The analytic example as text: what a reproduction of algorithms §10 has to show.
 
 use crate::estimation::{eigenvalues, spectral_radius, Matrix, Problem, Scheme};
 

@@ -1,4 +1,4 @@
-//! Every number of spec §10, to the digits printed there.
+//! Every number of algorithms §10, to the digits printed there.
 //!
 //! Four last digits differ from the spec, and the tests hold the right ones: `ρ(0.5)` is 0.48265,
 //! printed as 0.4827 after rounding twice; the best ω (0.6185, ρ 0.4367) and the end of stability

@@ -6,10 +6,10 @@
 //! rows        metric rows as they are found, also damaged ones
 //! meaning     whether the returns of two runs mean the same
 //! scores      the scores of each group of runs, as a table
-//! stats       scores of a run, means over seeds                      (spec §8.3)
+//! stats       scores of a run, means over seeds                      (algorithms §8.3)
 //! compare     our curves against a reference's, test point by test point
 //! plot        learning curves as SVG or PNG
-//! estimation  the analytic example, its report and its picture        (spec §10)
+//! estimation  the analytic example, its report and its picture        (algorithms §10)
 //! picture     worlds as stills, as films and in the terminal
 //! ```
 

@@ -1,5 +1,5 @@
 //! Learning curves as a picture: for each group the mean over seeds and a band of one standard
-//! error to either side, as the paper draws them (spec §8.3).
+//! error to either side, as the paper draws them (algorithms §8.3).
 
 use std::path::Path;
 

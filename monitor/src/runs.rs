@@ -250,7 +250,7 @@ fn describe(config: &str) -> Result<About, String> {
         let written: Vec<String> = rates.iter().map(|rate| format!("{rate:e}").replace("0e0", "0")).collect();
         label += &format!(", lr {}", written.join(" / "));
     }
-    // With equal rates the switching period has no effect (spec §12, check 2).
+    // With equal rates the switching period has no effect (algorithms §12, check 2).
     if let (true, Some(period)) = (rates.len() > 1, schedule.and_then(|it| it.get("switch_period"))) {
         label += &format!(", s = {}", plain(period));
     }

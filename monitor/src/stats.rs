@@ -1,4 +1,4 @@
-//! Scores of a run and statistics over seeds, as spec §8.3 defines them.
+//! Scores of a run and statistics over seeds, as algorithms §8.3 defines them.
 
 use crate::{Curve, Point};
 

@@ -3,7 +3,7 @@
 //! Every process of a run holds the same [`Config`] and compares [`Config::digest`] when it joins. Where a process
 //! listens and where it writes is not part of it. Every key is always present in the file; defaults come from
 //! [`crate::presets`], and keys that do not exist are errors, because a misspelt key that is silently ignored is a
-//! known way to publish wrong results (spec §11).
+//! known way to publish wrong results (algorithms §11).
 
 mod difference;
 pub mod limits;
@@ -27,7 +27,7 @@ pub struct Config {
     pub run: String,
     /// All chance follows from it ([`crate::stream`]).
     pub seed: u64,
-    /// Environment steps to learn from, summed over copies; the round that reaches it is the last (spec §8.1).
+    /// Environment steps to learn from, summed over copies; the round that reaches it is the last (algorithms §8.1).
     pub t_max: u64,
     pub world: World,
     pub algo: Algo,
@@ -52,15 +52,15 @@ pub struct World {
     pub task: String,
     /// Agents in the team.
     pub agents: u32,
-    /// Environment copies, each good for one episode of a round (spec §2.3): the episodes in a batch of PPO, the
+    /// Environment copies, each good for one episode of a round (algorithms §2.3): the episodes in a batch of PPO, the
     /// new episodes between two rounds of Q-learning.
     pub copies: u32,
     /// Who plays what the team does not control: `builtin`, `random`, `still`, or the BLAKE3 digest of a file of
     /// weights in hexadecimal; opaque here.
     pub opponent: String,
-    /// Observations and action sets are padded to the largest of the team, as in the reference (spec §2.4).
+    /// Observations and action sets are padded to the largest of the team, as in the reference (algorithms §2.4).
     pub pad: bool,
-    /// What each agent is rewarded with (spec §2.5).
+    /// What each agent is rewarded with (algorithms §2.5).
     pub reward: Reward,
 }
 
@@ -68,7 +68,7 @@ pub struct World {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reward {
-    /// The sum over the team: everybody learns from the same number (spec §2.5).
+    /// The sum over the team: everybody learns from the same number (algorithms §2.5).
     Sum,
     /// The mean over the team.
     Mean,
@@ -104,26 +104,26 @@ pub struct Algo {
     pub name: AlgoName,
     /// Which published variant the other keys started from; it decides nothing by itself.
     pub profile: Profile,
-    /// The network of the policy or of the action values; PPO's critic is always fully connected (spec §1.2).
+    /// The network of the policy or of the action values; PPO's critic is always fully connected (algorithms §1.2).
     pub network: Network,
     /// Width of the hidden layers of all networks.
     pub hidden: u32,
     /// Discount factor.
     pub gamma: f64,
-    /// Above 1: the target network is copied every that many update calls. Up to 1: Polyak τ (spec §4.4).
+    /// Above 1: the target network is copied every that many update calls. Up to 1: Polyak τ (algorithms §4.4).
     pub target_update: f64,
     /// The gradients of each of an agent's networks are scaled down to this norm.
     pub max_grad_norm: f64,
     pub clip_scope: ClipScope,
     pub reward_standardisation: RewardStandardisation,
     pub frozen_moments: FrozenMoments,
-    /// A one-hot agent index is appended to the network's input (spec §1.4).
+    /// A one-hot agent index is appended to the network's input (algorithms §1.4).
     pub agent_id_input: bool,
-    /// A one-hot of the agent's own last action is appended to the network's input, before the index (spec §1.4).
+    /// A one-hot of the agent's own last action is appended to the network's input, before the index (algorithms §1.4).
     pub last_action_input: bool,
 }
 
-/// Independent PPO (spec §4).
+/// Independent PPO (algorithms §4).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ppo {
@@ -132,13 +132,13 @@ pub struct Ppo {
     /// PPO's clip ε.
     pub clip: f64,
     pub entropy_coef: f64,
-    /// Rewards in an n-step return before it bootstraps (spec §4.3).
+    /// Rewards in an n-step return before it bootstraps (algorithms §4.3).
     pub n_step: u32,
     pub end_of_batch: EndOfBatch,
     pub policy_test: PolicyTest,
 }
 
-/// Independent Q-learning (spec §5).
+/// Independent Q-learning (algorithms §5).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct QLearning {
@@ -159,7 +159,7 @@ pub struct QLearning {
     pub epsilon_anneal: u64,
     /// Probability of a random action in tests.
     pub test_epsilon: f64,
-    /// An episode that the step limit ends is worth nothing beyond it (spec §3.4).
+    /// An episode that the step limit ends is worth nothing beyond it (algorithms §3.4).
     pub time_limit_is_terminal: bool,
 }
 
@@ -179,7 +179,7 @@ impl Draws {
     }
 }
 
-/// What a policy does in tests (spec §8.2).
+/// What a policy does in tests (algorithms §8.2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PolicyTest {
@@ -189,7 +189,7 @@ pub enum PolicyTest {
     Greedy,
 }
 
-/// The published algorithms: two kinds of learner, and three ways to choose their rates (spec §6.1).
+/// The published algorithms: two kinds of learner, and three ways to choose their rates (algorithms §6.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AlgoName {
@@ -272,7 +272,7 @@ impl FromStr for AlgoName {
     }
 }
 
-/// Variants of the same algorithm: ours and two published ones (spec §11).
+/// Variants of the same algorithm: ours and two published ones (algorithms §11).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Profile {
@@ -333,7 +333,7 @@ fn choose<T: Copy, const N: usize>(
     })
 }
 
-/// The actor's network (spec §1.1).
+/// The actor's network (algorithms §1.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Network {
@@ -343,7 +343,7 @@ pub enum Network {
     Gru,
 }
 
-/// Over whose gradients the norm is taken that is clipped (spec §6.4).
+/// Over whose gradients the norm is taken that is clipped (algorithms §6.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClipScope {
@@ -352,7 +352,7 @@ pub enum ClipScope {
     Joint,
 }
 
-/// What stands in for the future at the last slot of a batch (spec §4.3).
+/// What stands in for the future at the last slot of a batch (algorithms §4.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndOfBatch {
@@ -386,7 +386,7 @@ impl fmt::Display for EndOfBatch {
     }
 }
 
-/// How rewards are scaled before learning (spec §2.6).
+/// How rewards are scaled before learning (algorithms §2.6).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RewardStandardisation {
@@ -397,7 +397,7 @@ pub enum RewardStandardisation {
     Batch,
 }
 
-/// What Adam's moments do in an update call at rate 0 (spec §6.4).
+/// What Adam's moments do in an update call at rate 0 (algorithms §6.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FrozenMoments {
@@ -407,7 +407,7 @@ pub enum FrozenMoments {
     Hold,
 }
 
-/// Who learns at which rate, and when that changes (spec §6).
+/// Who learns at which rate, and when that changes (algorithms §6).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Schedule {
@@ -420,7 +420,7 @@ pub struct Schedule {
     pub switch_unit: SwitchUnit,
 }
 
-/// What a period is counted in (spec §6.3).
+/// What a period is counted in (algorithms §6.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SwitchUnit {
@@ -430,7 +430,7 @@ pub enum SwitchUnit {
     GradientStep,
 }
 
-/// When and how long to test (spec §8.2).
+/// When and how long to test (algorithms §8.2).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Test {

@@ -4,7 +4,7 @@
 //! every other language can agree with it by reading alone. `docs/protocol.md` says the same for people who write an
 //! agent without Rust, and a test holds the two together byte by byte.
 //!
-//! "Spec" in comments is the specification of the algorithms that Rondo reproduces; sections are cited as `spec §6.2`.
+//! "Spec" in comments is the specification of the algorithms that Rondo reproduces; sections are cited as `algorithms §6.2`.
 
 pub mod codec;
 pub mod config;

@@ -1,4 +1,4 @@
-//! The published settings (spec §9) as a place to start from.
+//! The published settings (algorithms §9) as a place to start from.
 
 use crate::config::{
     Algo, AlgoName, BusOptions, ClipScope, Config, Draws, EndOfBatch, FrozenMoments, Learner, Log, Network,
@@ -6,7 +6,7 @@ use crate::config::{
     Test, Timescales, World,
 };
 
-/// Families of tasks that share their settings (spec §9.1).
+/// Families of tasks that share their settings (algorithms §9.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Family {
     /// Level-based foraging.
@@ -41,7 +41,7 @@ struct Row {
     target_update: f64,
 }
 
-/// What spec §9.1 has beside a [`Row`]: entropy coefficient and n-step.
+/// What algorithms §9.1 has beside a [`Row`]: entropy coefficient and n-step.
 struct PpoRow {
     row: Row,
     entropy_coef: f64,
@@ -54,7 +54,7 @@ const fn row(hidden: u32, standardise_rewards: bool, network: Network, target_up
 }
 
 impl Family {
-    /// Spec §9.1.
+    /// algorithms §9.1.
     fn ppo(self) -> PpoRow {
         let (row, entropy_coef, n_step) = match self {
             Self::Mpe => (row(128, true, Network::Fc, 0.01), 0.01, 10),
@@ -65,7 +65,7 @@ impl Family {
         PpoRow { row, entropy_coef, n_step }
     }
 
-    /// Spec §9.2.
+    /// algorithms §9.2.
     fn q(self) -> Row {
         match self {
             Self::Mpe => row(128, true, Network::Fc, 0.01),
@@ -83,19 +83,19 @@ impl Family {
     }
 }
 
-/// Spec §4.2: discount factor.
+/// algorithms §4.2: discount factor.
 const GAMMA: f64 = 0.99;
-/// Spec §4.2: passes over a batch.
+/// algorithms §4.2: passes over a batch.
 const EPOCHS: u32 = 4;
-/// Spec §4.2: PPO's clip.
+/// algorithms §4.2: PPO's clip.
 const CLIP: f64 = 0.2;
-/// Spec §4.2: bound on the norm of the gradient.
+/// algorithms §4.2: bound on the norm of the gradient.
 const MAX_GRAD_NORM: f64 = 10.0;
-/// Spec §2.3, §4.2: environment copies, which are the episodes of a batch.
+/// algorithms §2.3, §4.2: environment copies, which are the episodes of a batch.
 const COPIES: u32 = 10;
-/// Spec §8.2: episodes in a test.
+/// algorithms §8.2: episodes in a test.
 const TEST_EPISODES: u32 = 100;
-/// One of the published periods (spec §9.3); which of them was best is not published, so we take the middle one.
+/// One of the published periods (algorithms §9.3); which of them was best is not published, so we take the middle one.
 const SWITCH_PERIOD: u64 = 100;
 /// Our choice: a lost process costs at most this many rounds, a few seconds of work. A round of Q-learning is one
 /// episode where PPO's are ten, and a tenth of the work.
@@ -108,17 +108,17 @@ fn save_interval(learner: Learner) -> u64 {
 /// Our choice: 2,000 metric rows in 20 M environment steps.
 const LOG_INTERVAL: u64 = 10_000;
 
-/// Spec §5.1: episodes that an agent remembers.
+/// algorithms §5.1: episodes that an agent remembers.
 const BUFFER: u32 = 5_000;
-/// Spec §5.1: episodes in an update call.
+/// algorithms §5.1: episodes in an update call.
 const BATCH: u32 = 32;
-/// Spec §5.3: environment steps until little is left to chance. Not in the paper's tables: this is the value of
+/// algorithms §5.3: environment steps until little is left to chance. Not in the paper's tables: this is the value of
 /// the reference's configurations without parameter sharing.
 const EPSILON_ANNEAL: u64 = 50_000;
-/// Spec §5.3: the reference's, `[OPEN]` in the paper.
+/// algorithms §5.3: the reference's, `[OPEN]` in the paper.
 const TEST_EPSILON: f64 = 0.0;
 
-/// What both kinds of learner have, in the default profile (spec §§9.1, 9.2, 4.2).
+/// What both kinds of learner have, in the default profile (algorithms §9.1, §9.2, §4.2).
 pub fn algo_defaults(name: AlgoName, family: Family) -> Algo {
     let Row { hidden, network, target_update, .. } = family.row(name.learner());
     Algo {
@@ -137,7 +137,7 @@ pub fn algo_defaults(name: AlgoName, family: Family) -> Algo {
     }
 }
 
-/// PPO's own settings in the default profile (spec §§9.1, 4.2).
+/// PPO's own settings in the default profile (algorithms §9.1, §4.2).
 pub fn ppo_defaults(family: Family) -> Ppo {
     let PpoRow { entropy_coef, n_step, .. } = family.ppo();
     Ppo {
@@ -150,7 +150,7 @@ pub fn ppo_defaults(family: Family) -> Ppo {
     }
 }
 
-/// Q-learning's own settings, equal in all families (spec §§5, 9.2).
+/// Q-learning's own settings, equal in all families (algorithms §5, §9.2).
 pub fn q_defaults() -> QLearning {
     QLearning {
         buffer: BUFFER,
@@ -165,7 +165,7 @@ pub fn q_defaults() -> QLearning {
     }
 }
 
-/// Sets the keys in which the profiles differ (spec §11), and the profile's name.
+/// Sets the keys in which the profiles differ (algorithms §11), and the profile's name.
 pub fn apply_profile(config: &mut Config, profile: Profile, family: Family) {
     config.algo.profile = profile;
     config.algo.reward_standardisation = standardisation(config.algo.name, profile, family);
@@ -192,7 +192,7 @@ fn standardisation(name: AlgoName, profile: Profile, family: Family) -> RewardSt
     }
 }
 
-/// The published grid of learning rates, ascending, an odd number of them (spec §9.3).
+/// The published grid of learning rates, ascending, an odd number of them (algorithms §9.3).
 ///
 /// The smallest of Q-learning in foraging is printed as 3.7e-5, presumably 3.75e-5 rounded; we take the latter.
 pub fn rate_grid(learner: Learner, family: Family) -> &'static [f64] {
@@ -206,7 +206,7 @@ pub fn rate_grid(learner: Learner, family: Family) -> &'static [f64] {
 
 /// The rates `(fast, slow)` to start from.
 ///
-/// Independent learning takes the centre of the published grid (spec §9.3), which is the benchmark's rate; sequential
+/// Independent learning takes the centre of the published grid (algorithms §9.3), which is the benchmark's rate; sequential
 /// learning takes it for the one agent that learns. Which pairs were best for multi-timescale learning is not
 /// published. Our choice is twice the centre for the fast agent, and for the `n − 1` slow ones the rate that keeps the
 /// team's geometric mean at the centre `c`, so that a team of any size learns as fast as an independent one on average:
@@ -228,7 +228,7 @@ pub fn default_rates(name: AlgoName, family: Family, agents: u32) -> (f64, f64) 
     }
 }
 
-/// The paper's pattern: agent 0 begins at the fast rate, all others at the slow one (spec §6.1). A team of one has
+/// The paper's pattern: agent 0 begins at the fast rate, all others at the slow one (algorithms §6.1). A team of one has
 /// one rate.
 pub fn default_schedule(name: AlgoName, family: Family, agents: u32) -> Schedule {
     let (fast, slow) = default_rates(name, family, agents);
@@ -241,7 +241,7 @@ pub fn default_schedule(name: AlgoName, family: Family, agents: u32) -> Schedule
     }
 }
 
-/// Environment steps of a run (spec §8.1): off-policy learners get a tenth, which makes the number of update calls
+/// Environment steps of a run (algorithms §8.1): off-policy learners get a tenth, which makes the number of update calls
 /// the same.
 pub fn budget(learner: Learner, family: Family) -> u64 {
     let off_policy = match family {
@@ -254,7 +254,7 @@ pub fn budget(learner: Learner, family: Family) -> u64 {
     }
 }
 
-/// Tests as published: 41 in a run, the first at its beginning (spec §8.1, §8.2).
+/// Tests as published: 41 in a run, the first at its beginning (algorithms §8.1, §8.2).
 pub fn default_test(learner: Learner, family: Family) -> Test {
     Test { interval: budget(learner, family) / 40, episodes: TEST_EPISODES }
 }
@@ -264,7 +264,7 @@ pub fn config(run: &str, task: &str, agents: u32, name: AlgoName, family: Family
     let learner = name.learner();
     let (ppo, q, copies) = match learner {
         Learner::Ppo => (Some(ppo_defaults(family)), None, COPIES),
-        // Spec §2.3: one environment, one episode at a time.
+        // algorithms §2.3: one environment, one episode at a time.
         Learner::Q => (None, Some(q_defaults()), 1),
     };
     Config {
@@ -438,7 +438,7 @@ mod tests {
         assert_eq!(of(Learner::Ppo, Family::Rware), (40_000_000, 1_000_000));
         assert_eq!(of(Learner::Q, Family::Rware), (4_000_000, 100_000));
         assert_eq!(default_test(Learner::Q, Family::Mpe).episodes, 100);
-        // Spec §12.7: 80,000 update calls in the particle worlds, whose episodes have 25 steps.
+        // algorithms §12, check 7: 80,000 update calls in the particle worlds, whose episodes have 25 steps.
         let calls = [Learner::Ppo, Learner::Q].map(|learner| {
             let copies = config(
                 "r",

@@ -18,7 +18,7 @@ pub enum Mode {
     /// Episodes to learn from; their steps are counted.
     #[default]
     Train = 0,
-    /// A test (spec §8.2): current parameters, separate environment copies, no learning, steps not counted.
+    /// A test (algorithms §8.2): current parameters, separate environment copies, no learning, steps not counted.
     Test = 1,
     /// The run has used its budget: save, say goodbye, leave.
     Finished = 2,
@@ -54,7 +54,7 @@ impl fmt::Display for Mode {
     }
 }
 
-/// Whether an episode goes on, and if not, why: learners treat the two ends differently (spec §3.4, §4.3).
+/// Whether an episode goes on, and if not, why: learners treat the two ends differently (algorithms §3.4, §4.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum End {
     /// The episode goes on; the row wants an action.

@@ -1,4 +1,4 @@
-//! What the schedule does to learning, by the weights that whole runs come to (spec §6).
+//! What the schedule does to learning, by the weights that whole runs come to (algorithms §6).
 
 use std::fs;
 

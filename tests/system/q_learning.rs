@@ -1,4 +1,4 @@
-//! Q-learning as whole runs: one result whatever runs it, and an update call for every episode (spec §5.1).
+//! Q-learning as whole runs: one result whatever runs it, and an update call for every episode (algorithms §5.1).
 
 use std::fs;
 use std::sync::OnceLock;

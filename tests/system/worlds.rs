@@ -1,4 +1,4 @@
-//! Every family of worlds with every algorithm, and the rewards that agents learn from (spec §2.5).
+//! Every family of worlds with every algorithm, and the rewards that agents learn from (algorithms §2.5).
 
 use std::collections::BTreeMap;
 

@@ -19,7 +19,7 @@ pub struct Batch {
     pub part_size: PartSize,
     /// Steps taken in all, `Σ m`.
     pub count: usize,
-    /// `B × T` team rewards, zero after an episode's end: what standardisation works on (§2.6).
+    /// `B × T` team rewards, zero after an episode's end: what standardisation works on (algorithms §2.6).
     pub rewards: Vec<f32>,
 }
 
@@ -77,7 +77,7 @@ pub struct Transition {
 }
 
 impl Part {
-    /// Lays out part number `part`. `time_limit_is_terminal`: the end by the step limit counts as one (§3.4).
+    /// Lays out part number `part`. `time_limit_is_terminal`: the end by the step limit counts as one (algorithms §3.4).
     pub fn fill(
         &mut self,
         batch: &Batch,

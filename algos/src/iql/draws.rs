@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-/// ε after `t_env` environment steps (spec §5.3): from `start` on a straight line to `finish`, which it
+/// ε after `t_env` environment steps (algorithms §5.3): from `start` on a straight line to `finish`, which it
 /// reaches after `anneal` steps; with `anneal` 0 at once.
 pub fn epsilon(t_env: u64, start: f64, finish: f64, anneal: u64) -> f64 {
     if t_env >= anneal {

@@ -1,6 +1,6 @@
 //! A gated recurrent unit over a batch of sequences, forward and backward through time.
 //!
-//! Spec §1.1, the PyTorch convention (the reset gate acts after the recurrent matrix and its bias):
+//! algorithms §1.1, the PyTorch convention (the reset gate acts after the recurrent matrix and its bias):
 //!
 //! ```text
 //! r  = σ(x W_ir + b_ir + h W_hr + b_hr)          z = σ(x W_iz + b_iz + h W_hz + b_hz)

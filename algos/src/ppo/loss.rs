@@ -2,10 +2,10 @@
 
 use crate::kernels::math::{exp, ln};
 
-/// Added to a probability before its logarithm (spec §3.2).
+/// Added to a probability before its logarithm (algorithms §3.2).
 const TINY: f32 = 1e-10;
 
-/// Turns logits into probabilities in place; forbidden actions get exactly zero (§3.1: their logits
+/// Turns logits into probabilities in place; forbidden actions get exactly zero (algorithms §3.1: their logits
 /// are −1e10). If every action is forbidden the result is uniform, as the reference's is.
 pub fn softmax(logits: &mut [f32], avail: &[u8]) {
     for (logit, &allowed) in logits.iter_mut().zip(avail) {
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn with_the_acting_policy_the_ratio_is_one_and_the_gradient_is_that_of_a2c() {
-        // Spec §12, check 9: ∂/∂logit_j of −A log π(a) is −A ([j = a] − π_j).
+        // algorithms §12, check 9: ∂/∂logit_j of −A log π(a) is −A ([j = a] − π_j).
         let logits = [0.3, -1.0, 0.8, 0.1f32];
         let terms = Terms {
             avail: &[1; 4],

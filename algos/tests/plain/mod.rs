@@ -52,7 +52,7 @@ impl Parameters {
     }
 }
 
-/// Brings `target` up to date after update call `calls` (spec §4.4).
+/// Brings `target` up to date after update call `calls` (algorithms §4.4).
 pub fn update_target(rule: f64, calls: u64, copied: &mut u64, target: &[Var], values: &[Var]) -> Result<()> {
     let (hard, tau) = (rule > 1.0, rule);
     if !hard || (calls - *copied) as f64 >= rule {

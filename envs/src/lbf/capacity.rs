@@ -1,6 +1,6 @@
 //! How many foods fit on a grid at once.
 //!
-//! Two foods need a distance of three or more steps, and none lies on the border (spec §3, rule 4). In other
+//! Two foods need a distance of three or more steps, and none lies on the border (lbf §3, rule 4). In other
 //! words: every food owns a plus of five cells, pluses lie within the grid and do not overlap.
 
 use std::collections::HashMap;

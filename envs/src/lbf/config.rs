@@ -15,7 +15,7 @@ pub struct Config {
     pub players: u16,
     /// Foods placed by a reset; fewer when there is no room.
     pub foods: u16,
-    /// Every food needs the three weakest players together (spec §3).
+    /// Every food needs the three weakest players together (lbf §3).
     pub coop: bool,
     /// How many cells away a player sees; the longer side or more shows everything.
     pub sight: u16,
@@ -90,7 +90,7 @@ impl Config {
     }
 
     /// What a user should know about a world that is not what its numbers promise: a reset places as many foods
-    /// as find room (spec §3, rule 4), and observations keep a place for each that was asked for.
+    /// as find room (lbf §3, rule 4), and observations keep a place for each that was asked for.
     pub(super) fn warning(&self) -> Option<String> {
         let foods = self.foods;
         let room = super::capacity::shortfall(self.rows, self.cols, foods)?;

@@ -72,7 +72,7 @@ fn made(config: Config, request: &Request) -> Result<Made, Refusal> {
     Ok(Made { name, rules: rules.name(), source: rules.source(), world: Box::new(world) })
 }
 
-/// The actions, as `step` takes them (spec §4). Higher numbers count as [`NONE`].
+/// The actions, as `step` takes them (lbf §4). Higher numbers count as [`NONE`].
 pub const NONE: u16 = 0;
 pub const NORTH: u16 = 1;
 pub const SOUTH: u16 = 2;
@@ -142,7 +142,7 @@ impl Foraging {
     }
 
     /// What the players did in the last step, after invalid actions became [`NONE`]. A move that met another
-    /// player is still a move here (spec §4, §5.2).
+    /// player is still a move here (lbf §4, §5.2).
     pub fn effective_actions(&self) -> &[u16] {
         &self.effective
     }
@@ -164,7 +164,7 @@ impl Foraging {
         [cell - self.stride(), cell + self.stride(), cell - 1, cell + 1]
     }
 
-    /// Spec §4 and §5.2, first half: what each player really does, and which cell it names.
+    /// lbf §4 and §5.2, first half: what each player really does, and which cell it names.
     fn name_cells(&mut self, actions: &[u16]) {
         for (i, &action) in actions.iter().enumerate() {
             let own = self.cell(self.players[i].row, self.players[i].col);
@@ -183,7 +183,7 @@ impl Foraging {
         }
     }
 
-    /// Spec §5.2: who alone names a cell gets it. A player whose cell is entered while it fails to leave stays
+    /// lbf §5.2: who alone names a cell gets it. A player whose cell is entered while it fails to leave stays
     /// where it is, so two can come to share a cell.
     fn move_players(&mut self) {
         for ((player, &action), &named) in self.players.iter_mut().zip(&self.effective).zip(&self.named) {
@@ -202,7 +202,7 @@ impl Foraging {
         }
     }
 
-    /// Spec §5.3. Loaders are taken in index order, each with all others beside the same food. Between foods
+    /// lbf §5.3. Loaders are taken in index order, each with all others beside the same food. Between foods
     /// placed by the rules the order has no effect; in an arranged state where somebody stands beside two foods
     /// the first in the order north, south, west, east is loaded.
     fn load(&mut self, rewards: &mut [f64]) {
@@ -249,7 +249,7 @@ impl Foraging {
         }
     }
 
-    /// Later foods move up one place in the observation (spec §6).
+    /// Later foods move up one place in the observation (lbf §6).
     fn remove_food(&mut self, cell: usize) {
         self.field[cell] = 0;
         let stride = self.stride();
@@ -290,7 +290,7 @@ impl World for Foraging {
         }
     }
 
-    /// Spec §6: the foods in sight, the observer, the others in sight; each as row, column, level.
+    /// lbf §6: the foods in sight, the observer, the others in sight; each as row, column, level.
     fn observe(&self, agent: usize, out: &mut [f32]) {
         assert_eq!(out.len(), self.sizes.obs_size[agent], "one place per observed number");
         let me = self.players[agent];

@@ -1,11 +1,11 @@
-//! How an episode starts (spec §3 and §8). Positions of the episode before are always forgotten.
+//! How an episode starts (lbf §3 and §8). Positions of the episode before are always forgotten.
 
 use rand::RngCore;
 
 use super::{Food, Foraging, Player};
 use crate::draw::{below, between};
 
-/// Tries to place one player, and all foods together (spec §3).
+/// Tries to place one player, and all foods together (lbf §3).
 const TRIES: u32 = 1000;
 const PLAYER_LEVELS: (u16, u16) = (1, 2);
 /// Two foods are further apart than this, counted in steps: rule 4's block and its two bars together.

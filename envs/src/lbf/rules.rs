@@ -1,4 +1,4 @@
-//! The four published versions of the foraging rules (spec §8). They differ only in how an episode starts.
+//! The four published versions of the foraging rules (lbf §8). They differ only in how an episode starts.
 
 use std::fmt;
 

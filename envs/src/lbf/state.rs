@@ -4,7 +4,7 @@ use serde::Deserialize;
 
 use super::{Foraging, WALL};
 
-/// Everything that decides how an episode goes on (spec §2).
+/// Everything that decides how an episode goes on (lbf §2).
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct State {
     /// In index order. Two may share a cell.

@@ -1,4 +1,4 @@
-//! The three games and the bodies in them, in the reference's order (spec §§1-2).
+//! The three games and the bodies in them, in the reference's order (mpe §1, §2).
 
 use std::ops::Range;
 

@@ -1,4 +1,4 @@
-//! Frozen networks: the opponents of Tag and Adversary, read from safetensors files (spec §8).
+//! Frozen networks: the opponents of Tag and Adversary, read from safetensors files (mpe §8).
 //!
 //! ```text
 //! x = (obs − running_mean) / sqrt(running_var + 1e-5) · in_fn.weight + in_fn.bias

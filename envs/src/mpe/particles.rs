@@ -55,7 +55,7 @@ impl Particles {
         self.step = self.step.saturating_add(1);
         let over = self.step >= EPISODE_LIMIT;
         if over && self.rules == Rules::Epymarl {
-            // Spec §7: the wrapper shows the observation from before this step again, without a reward.
+            // mpe §7: the wrapper shows the observation from before this step again, without a reward.
             rewards.fill(0.0);
         } else {
             self.speak(actions);
@@ -69,7 +69,7 @@ impl Particles {
         }
     }
 
-    /// Spec §5.4. A word that does not exist is silence.
+    /// mpe §5.4. A word that does not exist is silence.
     fn speak(&mut self, actions: &[u16]) {
         if self.game.layout().speaks(0) {
             let word = usize::from(actions[0]);
@@ -77,7 +77,7 @@ impl Particles {
         }
     }
 
-    /// Spec §5.1 to §5.3.
+    /// mpe §5.1 to §5.3.
     fn push(&mut self, actions: &[u16]) {
         let layout = self.game.layout();
         let mut forces = [[0.0; 2]; MAX_AGENTS];
@@ -120,7 +120,7 @@ impl World for Particles {
         &self.sizes
     }
 
-    /// Spec §3, in the reference's order of draws: the goal, then agents, then landmarks.
+    /// mpe §3, in the reference's order of draws: the goal, then agents, then landmarks.
     fn reset(&mut self, rng: &mut dyn RngCore) {
         let layout = self.game.layout();
         self.goal = if layout.has_goal { below(rng, layout.landmarks as u32) as usize } else { 0 };

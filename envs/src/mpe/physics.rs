@@ -1,4 +1,4 @@
-//! How particles push each other and move (spec §5). The order of operations is that of the reference, so that
+//! How particles push each other and move (mpe §5). The order of operations is that of the reference, so that
 //! equal starts give equal numbers.
 
 use super::game::Body;
@@ -64,7 +64,7 @@ fn softplus(z: f64) -> f64 {
 /// Moves a particle by one step under `force`.
 pub(super) fn integrate(particle: &mut Particle, force: [f64; 2], body: &Body, rules: Rules) {
     // Before the velocity changes, so that an action shows in the position one step later; in the study's code
-    // after it (spec §9).
+    // after it (mpe §9).
     if rules != Rules::Study2021 {
         drift(particle);
     }

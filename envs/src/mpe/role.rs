@@ -10,7 +10,7 @@ use super::network::{EPSILON, TENSORS};
 use super::{Game, Particles, Rules};
 use crate::World;
 
-/// Who is played by a frozen network (spec §8).
+/// Who is played by a frozen network (mpe §8).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// `agent_0` of Tag.

@@ -12,12 +12,12 @@ use std::fmt;
 /// A version of the rules, by the suffix of task names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rules {
-    /// The package in its release 1.1.1 (spec §§5-6); networks steer as they were trained to (spec §8).
+    /// The package in its release 1.1.1 (mpe §5, §6); networks steer as they were trained to (mpe §8).
     Current,
-    /// As [`Rules::Current`], but the outcome of the last step is lost (spec §7) and the opponent's choice is
-    /// not translated into this world's directions, so that it steers backwards (spec §8).
+    /// As [`Rules::Current`], but the outcome of the last step is lost (mpe §7) and the opponent's choice is
+    /// not translated into this world's directions, so that it steers backwards (mpe §8).
     Epymarl,
-    /// The original particle code with its own order of integration, directions and rewards (spec §9).
+    /// The original particle code with its own order of integration, directions and rewards (mpe §9).
     Study2021,
 }
 
@@ -42,11 +42,11 @@ impl Rules {
         match self {
             Rules::Current => "mpe2 1.1.1 / pettingzoo 1.24.3",
             Rules::Epymarl => "EPyMARL v2 on pettingzoo 1.24.3",
-            Rules::Study2021 => "the 2021 study's particle code (spec §9)",
+            Rules::Study2021 => "the 2021 study's particle code (mpe §9)",
         }
     }
 
-    /// The unit direction of an action (spec §4, §9); actions that do not exist push nowhere.
+    /// The unit direction of an action (mpe §4, §9); actions that do not exist push nowhere.
     pub(super) fn direction(self, action: u16) -> [f64; 2] {
         match if self == Rules::Study2021 { mirrored(action) } else { action } {
             1 => [-1.0, 0.0],
@@ -58,7 +58,7 @@ impl Rules {
     }
 
     /// What a frozen network's choice, in which 1 is +x, 2 is -x, 3 is +y and 4 is -y, becomes as an action
-    /// of this world (spec §8).
+    /// of this world (mpe §8).
     pub(super) fn action_of_network(self, choice: u16) -> u16 {
         match self {
             Rules::Current => mirrored(choice),

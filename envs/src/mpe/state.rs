@@ -6,10 +6,10 @@ use super::game::EPISODE_LIMIT;
 use super::physics::Particle;
 use super::Particles;
 
-/// Places and speeds beyond this are no state that a game comes into (spec §6: within 25 steps about 6).
+/// Places and speeds beyond this are no state that a game comes into (mpe §6: within 25 steps about 6).
 const FARTHEST: f64 = 1e6;
 
-/// Everything that decides how an episode goes on (spec §2).
+/// Everything that decides how an episode goes on (mpe §2).
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct State {
     /// All agents in the reference's order, the opponent too.

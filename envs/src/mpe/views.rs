@@ -1,4 +1,4 @@
-//! What agents see and are rewarded for (spec §6, §9).
+//! What agents see and are rewarded for (mpe §6, §9).
 
 use super::physics::{distance, from_to, squared};
 use super::{Game, Particles, Rules};
@@ -56,7 +56,7 @@ impl Particles {
         match self.game {
             Game::SpeakerListener => {
                 let near = -squared(from_to(self.landmarks[self.goal], self.agents[1].pos));
-                // The study's code gives everybody the sum of both (spec §9).
+                // The study's code gives everybody the sum of both (mpe §9).
                 rewards.fill(if self.rules == Rules::Study2021 { near + near } else { near });
             }
             Game::Adversary => {

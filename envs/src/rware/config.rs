@@ -30,7 +30,7 @@ pub struct Config {
     pub rules: Rules,
 }
 
-/// A version of the rules, named like the suffix of the reference's task ids. Both play alike (spec §8).
+/// A version of the rules, named like the suffix of the reference's task ids. Both play alike (rware §8).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rules {
     /// `rware` 1.0.x.

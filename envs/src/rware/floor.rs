@@ -1,4 +1,4 @@
-//! What stands on the floor, cell by cell, and what a robot sees of it (spec §3, §6).
+//! What stands on the floor, cell by cell, and what a robot sees of it (rware §3, §6).
 
 use super::{Direction, Layout};
 

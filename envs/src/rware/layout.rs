@@ -1,4 +1,4 @@
-//! Where a warehouse has highways, shelf slots and goals (spec §2).
+//! Where a warehouse has highways, shelf slots and goals (rware §2).
 
 /// The floor plan. Cells are `(x, y)`, x to the right, y downwards, both from 0.
 #[derive(Debug, Clone, PartialEq, Eq)]

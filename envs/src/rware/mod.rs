@@ -80,7 +80,7 @@ fn made(config: Config, request: &Request) -> Result<Made, Refusal> {
     Ok(Made { name, rules: rules.name(), source: rules.source(), world: Box::new(world) })
 }
 
-/// The actions, as `step` takes them (spec §5). Higher numbers count as [`NOOP`].
+/// The actions, as `step` takes them (rware §5). Higher numbers count as [`NOOP`].
 pub const NOOP: u16 = 0;
 pub const FORWARD: u16 = 1;
 pub const TURN_LEFT: u16 = 2;
@@ -88,7 +88,7 @@ pub const TURN_RIGHT: u16 = 3;
 pub const TOGGLE_LOAD: u16 = 4;
 pub const N_ACTIONS: usize = 5;
 
-/// What an observation says of the robot itself, before what it sees around it (spec §6).
+/// What an observation says of the robot itself, before what it sees around it (rware §6).
 const OF_ITSELF: usize = 8;
 
 /// Where a robot faces, numbered as in observations.
@@ -176,13 +176,13 @@ impl Warehouse {
         &self.layout
     }
 
-    /// What the robots did in the last step, after blocked and losing moves became [`NOOP`] (spec §5.2).
+    /// What the robots did in the last step, after blocked and losing moves became [`NOOP`] (rware §5.2).
     pub fn effective_actions(&self) -> &[u16] {
         &self.effective
     }
 
     /// The groups of robots (from 0, ascending) that in the last step wanted one cell, which nobody kept, with
-    /// equally long trains behind them (spec §5.3); who of them moved is in [`Warehouse::effective_actions`].
+    /// equally long trains behind them (rware §5.3); who of them moved is in [`Warehouse::effective_actions`].
     pub fn ties(&self) -> Vec<Vec<usize>> {
         self.traffic.ties()
     }
@@ -209,7 +209,7 @@ impl Warehouse {
         }
     }
 
-    /// Spec §5.1: which cell each robot wants, and who stays because a shelf stands before its load.
+    /// rware §5.1: which cell each robot wants, and who stays because a shelf stands before its load.
     fn want_cells(&mut self, actions: &[u16]) {
         for (i, (robot, &action)) in self.robots.iter().zip(actions).enumerate() {
             let own = self.floor.cell(robot.place());
@@ -234,7 +234,7 @@ impl Warehouse {
         self.floor.shelf(cell).is_some() && !self.floor.robot(cell).is_some_and(is_loaded)
     }
 
-    /// Spec §5.4. Everybody leaves its cell before anybody enters one, as one may be another's.
+    /// rware §5.4. Everybody leaves its cell before anybody enters one, as one may be another's.
     fn act(&mut self) {
         let Traffic { own, wanted, granted } = &self.traffic;
         for (i, robot) in self.robots.iter_mut().enumerate() {
@@ -272,7 +272,7 @@ impl Warehouse {
         }
     }
 
-    /// Spec §5.5. A shelf that is drawn at the first goal while it is on the second is delivered in the same step.
+    /// rware §5.5. A shelf that is drawn at the first goal while it is on the second is delivered in the same step.
     fn deliver(&mut self, rewards: &mut [f64], mut redraw: impl FnMut(&Requests) -> u16) {
         for goal in self.layout.goals {
             let cell = self.floor.cell(goal);
@@ -305,7 +305,7 @@ impl World for Warehouse {
         self.step_with(actions, rewards, |requests| requests.draw(rng))
     }
 
-    /// Spec §6: the robot itself, then the square around it.
+    /// rware §6: the robot itself, then the square around it.
     fn observe(&self, agent: usize, out: &mut [f32]) {
         assert_eq!(out.len(), self.sizes.obs_size[agent], "one place per observed number");
         let Robot { x, y, direction, carrying } = self.robots[agent];

@@ -1,4 +1,4 @@
-//! The order in which CPython iterates over a set of coordinate pairs, which decides some ties (spec §5.3).
+//! The order in which CPython iterates over a set of coordinate pairs, which decides some ties (rware §5.3).
 //!
 //! A set is an open hash table whose slots are read from first to last, so the order follows from the hashes of
 //! the members and from the order in which they came. Members are never removed here.

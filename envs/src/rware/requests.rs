@@ -1,4 +1,4 @@
-//! The queue of requested shelves, and what takes a delivered one's place (spec §5.5).
+//! The queue of requested shelves, and what takes a delivered one's place (rware §5.5).
 
 use rand::RngCore;
 

@@ -1,4 +1,4 @@
-//! How an episode starts (spec §4).
+//! How an episode starts (rware §4).
 
 use rand::RngCore;
 

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::{Direction, Layout, Warehouse};
 
-/// Everything that decides how an episode goes on (spec §3).
+/// Everything that decides how an episode goes on (rware §3).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct State {
     /// In index order; the reference numbers them from 1.

@@ -1,4 +1,4 @@
-//! Who may move: the cells that robots want, and who gets them (spec §5.1 to §5.3).
+//! Who may move: the cells that robots want, and who gets them (rware §5.1 to §5.3).
 
 use super::config::MAX_ROBOTS;
 use super::floor::{Cell, Floor};
@@ -100,7 +100,7 @@ impl Traffic {
         1 + self.rivals(self.own[robot]).map(|next| self.train(next, ahead)).max().unwrap_or(0)
     }
 
-    /// Spec §5.3: of those with equal trains the one whose own cell the reference's graph lists first.
+    /// rware §5.3: of those with equal trains the one whose own cell the reference's graph lists first.
     #[cold]
     fn first_in_cell_order(&self, contested: Cell, tied: u64, floor: &Floor) -> Option<usize> {
         let is_tied = |cell: Cell| floor.robot(cell).filter(|&robot| tied >> robot & 1 == 1);

@@ -1,4 +1,4 @@
-//! How foraging episodes start (spec §3, §8), as frequencies over many resets with fixed seeds.
+//! How foraging episodes start (lbf §3, §8), as frequencies over many resets with fixed seeds.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! How particle episodes start (spec §3), over many resets with fixed seeds.
+//! How particle episodes start (mpe §3), over many resets with fixed seeds.
 //!
 //! Places are compared with the uniform distribution by Kolmogorov and Smirnov's statistic and in cells of a
 //! grid by chi-square, goals by chi-square; bounds are the quantiles for p = 1e-4. With fixed seeds the outcome

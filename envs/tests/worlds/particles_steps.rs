@@ -1,4 +1,4 @@
-//! The rules of a particle step, worked out by hand (spec §§4-7, §9).
+//! The rules of a particle step, worked out by hand (mpe §4 to §7, §9).
 
 use envs::mpe::{Agent, Game, Particles, Rules, State};
 use envs::{End, World};

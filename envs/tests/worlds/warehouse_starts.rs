@@ -1,5 +1,5 @@
-//! What is drawn in a warehouse, as frequencies with fixed seeds: the start (spec §4) and the next request after a
-//! delivery (spec §5.5).
+//! What is drawn in a warehouse, as frequencies with fixed seeds: the start (rware §4) and the next request after a
+//! delivery (rware §5.5).
 
 use std::collections::BTreeSet;
 

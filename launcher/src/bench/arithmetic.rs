@@ -32,7 +32,7 @@ pub fn flops_per_env_step(config: &Config, sizes: &envs::Sizes) -> f64 {
     2.0 * multiply_adds
 }
 
-/// Of one row through a network (spec §1.1).
+/// Of one row through a network (algorithms §1.1).
 fn multiply_adds(network: Network, inputs: usize, hidden: u32, outputs: usize) -> f64 {
     let (i, h, o) = (inputs as f64, f64::from(hidden), outputs as f64);
     let middle = match network {

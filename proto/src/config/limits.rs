@@ -12,10 +12,10 @@ pub const MAX_COPIES: u32 = 10_000;
 /// A test may run all its episodes in one round, so the bound on rows holds here too.
 pub const MAX_TEST_EPISODES: u32 = 10_000;
 
-/// Far beyond the published widths (spec §9.1); keeps a slip of the finger from claiming all memory.
+/// Far beyond the published widths (algorithms §9.1); keeps a slip of the finger from claiming all memory.
 pub const MAX_HIDDEN: u32 = 4_096;
 
-/// Far beyond the published 4 (spec §4.2).
+/// Far beyond the published 4 (algorithms §4.2).
 pub const MAX_EPOCHS: u32 = 1_000;
 
 /// The longest name of a task, in bytes.
@@ -24,5 +24,5 @@ pub const MAX_TASK_NAME: usize = 256;
 /// The longest name of an opponent, in bytes: a digest has 64.
 pub const MAX_OPPONENT: usize = 64;
 
-/// Two hundred times the published 5,000 (spec §5.1).
+/// Two hundred times the published 5,000 (algorithms §5.1).
 pub const MAX_BUFFER: u32 = 1_000_000;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
 use std::str::FromStr;
 
-/// The switching period `s` of spec §6.2. In files a whole number or `"inf"`.
+/// The switching period `s` of algorithms §6.2. In files a whole number or `"inf"`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Period {
     /// The pattern moves on by one agent after this many steps, counted in [`super::SwitchUnit`].

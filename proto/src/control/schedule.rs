@@ -18,7 +18,7 @@ pub struct Rates {
     pub from: u64,
     /// First update call that this no longer covers; [`Rates::FOR_EVER`] if it never changes again.
     pub until: u64,
-    /// The agent at the head of the pattern of levels, `fast(u)` in spec §6.2; its rate may be the smaller one.
+    /// The agent at the head of the pattern of levels, `fast(u)` in algorithms §6.2; its rate may be the smaller one.
     pub fast_agent: u32,
     /// The learning rate of each level.
     pub rates: Vec<f64>,

@@ -19,7 +19,7 @@ pub struct Observe {
     pub mode: Mode,
     /// Goes up whenever the run starts again from a checkpoint.
     pub epoch: u32,
-    /// Training rounds completed before; with PPO that is the number `u` of this round's update call (spec §6.2),
+    /// Training rounds completed before; with PPO that is the number `u` of this round's update call (algorithms §6.2),
     /// Q-learning counts these apart. A test carries the number of the training round that follows it.
     pub round: u64,
     /// World steps made in this round so far.
