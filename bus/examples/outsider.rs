@@ -1,8 +1,8 @@
-//! A zenoh session that is no role of any run: `outsider MODE ENDPOINT [KEY...]`, MODE being client, router or peer.
+//! A zenoh session that is not a role of a run: `outsider MODE ENDPOINT [KEY...]`. MODE is client, router or peer.
 //!
-//! It dials until it is let in, or killed, and prints `refused` for every second without success. Let in, it prints
-//! `connected`, subscribes to everything, publishes on each KEY, and prints the key of each message that it receives.
-//! The system tests use it to show what a run keeps from such sessions.
+//! It dials until it is accepted or killed, and prints `refused` for every second without success. When accepted, it
+//! prints `connected`, subscribes to everything, publishes on each KEY, and prints the key of each message that it
+//! receives. The system tests use it to show what such sessions can and cannot receive from a run.
 
 use std::time::Duration;
 
@@ -31,7 +31,7 @@ fn main() {
     for expression in ["**", "rondo/**"].into_iter().chain(keys.iter().map(String::as_str)) {
         let subscriber = session
             .declare_subscriber(expression)
-            // What it publishes itself is no news.
+            // Its own publications are of no interest.
             .allowed_origin(zenoh::sample::Locality::Remote)
             .callback(|sample| println!("received {}", sample.key_expr()));
         subscriber.background().wait().expect("a subscription");

@@ -1,4 +1,4 @@
-//! Endpoints: what the user may write, and what can be said about one before or after zenoh tries it.
+//! Endpoints: their syntax, and checks of an endpoint before or after zenoh uses it.
 
 use std::io;
 use std::net::{TcpListener, TcpStream, ToSocketAddrs};
@@ -11,7 +11,7 @@ use crate::Error;
 /// The longest path of a Unix socket: `sun_path` has 108 bytes, one of them for the closing zero.
 const MAX_PATH_BYTES: usize = 107;
 
-/// Long enough for a connection to any host that is up; only used to name the culprit in an error.
+/// Long enough for a connection to any host that is up. Only used to name the unreachable endpoint in an error.
 const PROBE_TIMEOUT: Duration = Duration::from_millis(250);
 
 /// A place to listen on or to dial.
@@ -26,7 +26,7 @@ pub(crate) enum Endpoint {
 impl Endpoint {
     pub(crate) fn parse(text: &str) -> Result<Self, Error> {
         let fail = |reason: String| Error::Endpoint { endpoint: text.into(), reason };
-        // zenoh gives `?` and `#` a meaning in endpoints, and a line break is never meant.
+        // `?` and `#` have a meaning in zenoh's endpoints, and a line break is never intended.
         if let Some(c) = text.chars().find(|&c| c == '?' || c == '#' || c.is_control()) {
             return Err(fail(format!("{c:?} is not allowed")));
         }
@@ -51,11 +51,11 @@ impl Endpoint {
         }
     }
 
-    /// Refuses what is in use or cannot be bound, with the reason that the operating system gives, and
-    /// fills in a port that was given as 0.
+    /// Rejects an endpoint that is in use or cannot be bound, with the operating system's reason, and replaces port 0
+    /// by a free port.
     ///
-    /// zenoh tells these cases apart in prose only, and does not say on which port it listens. Somebody
-    /// else can take the port between this and zenoh's own bind; zenoh then reports that.
+    /// zenoh distinguishes these cases only by the text of its errors, and does not report its port. Another process
+    /// can take the port between this check and zenoh's own bind; zenoh then reports that.
     pub(crate) fn ready_to_listen(&self) -> Result<Self, Error> {
         match self {
             Self::Unix(path) => {
@@ -76,7 +76,7 @@ impl Endpoint {
         }
     }
 
-    /// Somebody else has it.
+    /// The error for an endpoint that another process uses.
     pub(crate) fn in_use(&self) -> Error {
         let hint = match self {
             Self::Unix(_) => "another process of this run is alive; stop it, or choose another run folder",
@@ -87,7 +87,7 @@ impl Endpoint {
         Error::InUse { endpoint: self.to_string(), hint }
     }
 
-    /// Whether anybody accepts connections here.
+    /// Whether a process accepts connections here.
     pub(crate) fn answers(&self) -> bool {
         match self {
             Self::Unix(path) => UnixStream::connect(path).is_ok(),

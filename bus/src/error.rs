@@ -1,4 +1,4 @@
-//! What can go wrong on the bus, said to the person who must act.
+//! Errors of the bus, written for the person who must act.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A string that is no endpoint.
+    /// The string is not an endpoint.
     #[error("`{endpoint}` is not an endpoint: {reason}; write `unixsock-stream/PATH` or `tcp/HOST:PORT`")]
     Endpoint {
         /// The string as given.
@@ -14,7 +14,7 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
-    /// Somebody already listens on the endpoint.
+    /// Another process already listens on the endpoint.
     #[error("cannot listen on `{endpoint}`: it is in use; hint: {hint}")]
     InUse {
         /// The endpoint as given.
@@ -27,10 +27,10 @@ pub enum Error {
     Listen {
         /// The endpoint as given.
         endpoint: String,
-        /// What the operating system says.
+        /// The operating system's reason.
         reason: String,
     },
-    /// Nobody answered at an endpoint that this side must reach.
+    /// A required endpoint did not answer.
     #[error(
         "no answer at {} within {waited:?}; hint: start the process that listens there, or check the \
          address and the firewall",
@@ -42,7 +42,7 @@ pub enum Error {
         /// How long this side tried.
         waited: Duration,
     },
-    /// A string that is no key, or no key expression.
+    /// The string is not a key or not a key expression.
     #[error("`{key}` is not {expected}: {reason}")]
     Key {
         /// The string as given.
@@ -52,7 +52,7 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
-    /// The payload does not fit the transport.
+    /// The payload is too large for the transport.
     #[error(
         "a message of {bytes} bytes on `{key}` is too large for the low-latency transport, which carries \
          {limit} bytes; hint: turn `low_latency` off on every side"
@@ -71,12 +71,12 @@ pub enum Error {
         /// The key that was to be sent on.
         key: String,
     },
-    /// zenoh refused for a reason that has no name here.
+    /// Any other error of zenoh.
     #[error("zenoh cannot {action}: {reason}")]
     Zenoh {
         /// What was tried.
         action: String,
-        /// What zenoh says.
+        /// zenoh's message.
         reason: String,
     },
 }

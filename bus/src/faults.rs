@@ -1,11 +1,11 @@
-//! Seeded faults for the in-memory bus: publications that are lost, doubled or overtaken.
+//! Seeded faults for the in-memory bus: publications that are lost, duplicated or overtaken.
 
-/// How often what happens to a publication. The fate of the `n`-th publication on a key is a function of
-/// the seed, the key and `n`, whatever the threads do.
+/// Probability of each fault, per publication. What happens to the `n`-th publication on a key is a function of the
+/// seed, the key and `n`, and does not depend on threads.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Faults {
     pub(crate) seed: u64,
-    /// Probabilities; where they sum to more than 1, the later ones are cut short.
+    /// Probabilities. If they sum to more than 1, the later ones are reduced.
     pub(crate) loss: f64,
     pub(crate) duplicate: f64,
     pub(crate) reorder: f64,

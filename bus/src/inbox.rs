@@ -1,8 +1,8 @@
-//! Where a side's events wait until its role reads them.
+//! The queue of events that a role reads.
 //!
-//! A standard channel wakes its reader for every message. A role that can only go on when all of a team have
-//! answered says so instead ([`Events::recv_together`]) and sleeps until then: one wake-up a tick however large
-//! the team is, and wake-ups are most of what a message costs.
+//! A standard channel wakes its reader for every message. The env-server can only continue when the whole team has
+//! answered, so it waits for that many messages ([`Events::recv_together`]): one wake-up per tick for a team of any
+//! size. Wake-ups are most of the cost of a message.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{RecvError, RecvTimeoutError, SendError, TryRecvError};
@@ -11,20 +11,20 @@ use std::time::{Duration, Instant};
 
 use crate::Event;
 
-/// An empty inbox, which any number of declarations may share, and the place to read it. Unbounded.
+/// An empty, unbounded inbox and its reader. Any number of declarations may share the inbox.
 pub fn inbox() -> (Inbox, Events) {
     let shared = Arc::new(Shared::default());
     lock(&shared.state).inboxes = 1;
     (Inbox { shared: shared.clone() }, Events { shared })
 }
 
-/// Takes events in; a clone is the same inbox.
+/// The sending end; a clone is the same inbox.
 #[derive(Debug)]
 pub struct Inbox {
     shared: Arc<Shared>,
 }
 
-/// Reads what has come into an [`Inbox`], in that order. Errors are those of a standard channel.
+/// The reader of an [`Inbox`], in order of arrival. Errors are those of a standard channel.
 #[derive(Debug)]
 pub struct Events {
     shared: Arc<Shared>,
@@ -39,19 +39,19 @@ struct Shared {
 #[derive(Debug, Default)]
 struct State {
     events: VecDeque<Event>,
-    /// An event that is no message is among them, which nobody should wait on.
+    /// True if a queued event is not a message; the reader must not wait then.
     urgent: bool,
-    /// Messages that the reader sleeps for; 0 while it does not.
+    /// Number of messages that the sleeping reader waits for; 0 while it does not sleep.
     awaited: usize,
     inboxes: usize,
     reader_is_gone: bool,
 }
 
 impl Inbox {
-    /// Adds an event and wakes the reader if that is what it waits for.
+    /// Adds an event, and wakes the reader if its condition is met.
     ///
     /// # Errors
-    /// If nobody reads any more; the event comes back.
+    /// If the reader is gone; the event is returned.
     pub fn send(&self, event: Event) -> Result<(), SendError<Event>> {
         let mut state = lock(&self.shared.state);
         if state.reader_is_gone {
@@ -69,8 +69,8 @@ impl Inbox {
 }
 
 impl Inbox {
-    /// As [`Inbox::send`]. An inbox that nobody reads any more belongs to a role that ends; its guards are about to
-    /// be dropped.
+    /// As [`Inbox::send`], without an error. An inbox without a reader belongs to a role that is ending; its guards are
+    /// about to be dropped.
     pub(crate) fn push(&self, event: Event) {
         let _ = self.send(event);
     }
@@ -99,7 +99,7 @@ impl Events {
     /// The next event, if there is one.
     ///
     /// # Errors
-    /// [`TryRecvError`]: none now, or none ever.
+    /// [`TryRecvError`]: empty now, or closed.
     pub fn try_recv(&self) -> Result<Event, TryRecvError> {
         let mut state = lock(&self.shared.state);
         match state.take() {
@@ -109,29 +109,29 @@ impl Events {
         }
     }
 
-    /// The next event, waiting for it as long as it takes.
+    /// Waits for the next event.
     ///
     /// # Errors
-    /// [`RecvError`]: none ever.
+    /// [`RecvError`]: closed.
     pub fn recv(&self) -> Result<Event, RecvError> {
         self.recv_timeout(Duration::MAX).map_err(|_| RecvError)
     }
 
-    /// The next event, waiting for it no longer than `timeout`.
+    /// Waits for the next event, at most for `timeout`.
     ///
     /// # Errors
-    /// [`RecvTimeoutError`]: none in time, or none ever.
+    /// [`RecvTimeoutError`]: timeout, or closed.
     pub fn recv_timeout(&self, timeout: Duration) -> Result<Event, RecvTimeoutError> {
         self.recv_together(1, timeout)
     }
 
-    /// The next event as soon as `count` of them wait, or one that is no message, or `timeout` is over and there
-    /// is any.
+    /// Waits until `count` events are queued, or one that is not a message, or `timeout` is over; then returns the
+    /// next event, if there is one.
     ///
     /// # Errors
-    /// [`RecvTimeoutError`]: none in time, or none ever.
+    /// [`RecvTimeoutError`]: timeout, or closed.
     pub fn recv_together(&self, count: usize, timeout: Duration) -> Result<Event, RecvTimeoutError> {
-        // Too far away to be told is as good as never.
+        // A deadline that cannot be represented means no deadline.
         let deadline = Instant::now().checked_add(timeout);
         let mut state = lock(&self.shared.state);
         while state.events.len() < count.max(1) && !state.urgent && state.inboxes > 0 {
@@ -157,7 +157,7 @@ impl Drop for Events {
     fn drop(&mut self) {
         let mut state = lock(&self.shared.state);
         state.reader_is_gone = true;
-        // Queries among them are answered by being dropped, which may take other locks.
+        // Dropping a query answers it, which may take other locks.
         let unread = std::mem::take(&mut state.events);
         drop(state);
         drop(unread);
@@ -172,7 +172,7 @@ impl State {
     }
 }
 
-/// For a state that is whole between any two statements that can panic: a poisoned lock is of no concern.
+/// Ignores poisoning: the state is consistent between any two statements that can panic.
 pub(crate) fn lock<T>(state: &Mutex<T>) -> MutexGuard<'_, T> {
     state.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -192,7 +192,7 @@ mod tests {
     fn payload(event: Event) -> u8 {
         match event {
             Event::Message { payload, .. } => payload[0],
-            other => panic!("{other:?} is no message"),
+            other => panic!("{other:?} is not a message"),
         }
     }
 

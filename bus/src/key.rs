@@ -1,4 +1,4 @@
-//! Keys and key expressions, by zenoh's rules on both buses, less its `$*` (part of a chunk).
+//! Keys and key expressions by zenoh's rules, on both buses, but without `$*` (a part of a chunk).
 
 use ::zenoh::key_expr::OwnedKeyExpr;
 
@@ -9,7 +9,7 @@ pub(crate) fn exact(key: &str) -> Result<OwnedKeyExpr, Error> {
     let expected = "a key such as `run/agent/0/act`";
     let parsed = parse(key, expected)?;
     if key.contains('*') {
-        let reason = "`*` is for those who receive".into();
+        let reason = "`*` is allowed in key expressions only".into();
         return Err(Error::Key { key: key.into(), expected, reason });
     }
     Ok(parsed)

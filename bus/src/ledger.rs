@@ -1,4 +1,4 @@
-//! The books of one side: how much it sent on which key, and, when somebody asks for it, what.
+//! Traffic counts of one peer, by key; on request also a record of everything that it sends.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 
 use crate::Bus;
 
-/// How much one side sent on one key.
+/// The traffic of one side on one key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Traffic {
     /// The key.
@@ -22,9 +22,9 @@ pub struct Traffic {
 pub enum Record {
     /// It published `payload` on `key`.
     Published { key: Arc<str>, payload: Vec<u8> },
-    /// It asked `payload` on `key`.
+    /// It sent the query `payload` on `key`.
     Asked { key: Arc<str>, payload: Vec<u8> },
-    /// It answered a query on `key` with `payload`.
+    /// It replied to a query on `key` with `payload`.
     Replied { key: Arc<str>, payload: Vec<u8> },
     /// It subscribed to this key expression.
     Subscribed { key: Arc<str> },
@@ -39,14 +39,14 @@ pub enum Record {
 /// Receives the records of a side, on the thread that sends or declares.
 pub type Sink = Arc<dyn Fn(Record) + Send + Sync>;
 
-/// The same side of the bus, with everything that it sends and declares from now on reported to `sink`.
-/// What came before is not; publishers made earlier are included.
+/// The same side of the bus. `sink` receives a record of everything that it sends and declares from now on, also
+/// through publishers made earlier.
 pub fn recorded(bus: Arc<dyn Bus>, sink: Sink) -> Arc<dyn Bus> {
     bus.ledger().sinks.write().unwrap_or_else(PoisonError::into_inner).push(sink);
     bus
 }
 
-/// The books of one side; read them with [`Bus::traffic`] or [`recorded`].
+/// The traffic counts of one side; read them with [`Bus::traffic`] or [`recorded`].
 #[derive(Default)]
 pub struct Ledger {
     accounts: Mutex<BTreeMap<Arc<str>, Arc<Account>>>,
@@ -78,7 +78,7 @@ impl Ledger {
         self.accounts().iter().map(traffic).filter(sent).collect()
     }
 
-    /// The line of the books for `key`, looked up once where many messages are to be sent.
+    /// The counts for `key`. A publisher looks them up once.
     pub(crate) fn line(self: &Arc<Self>, key: Arc<str>) -> Line {
         let account = self.accounts().entry(key.clone()).or_default().clone();
         Line { ledger: self.clone(), key, account }
@@ -99,7 +99,7 @@ impl Ledger {
     }
 }
 
-/// One key's line in the books of a side.
+/// The counts of one side for one key.
 pub(crate) struct Line {
     ledger: Arc<Ledger>,
     pub(crate) key: Arc<str>,

@@ -1,15 +1,15 @@
 //! The message bus: zenoh between processes, the same interface in memory.
 //!
-//! The only crate that names zenoh. Its API has no generics and no async, so that the crates above
-//! neither instantiate zenoh's generics again nor need a runtime.
+//! The only crate that depends on zenoh. Its API has no generics and no async, so the crates above neither compile
+//! zenoh's generics again nor need a runtime.
 //!
 //! # Shape
 //!
 //! A star of peers. Roles that serve listen on explicit endpoints, all others dial them and listen
 //! nowhere; scouting is off. Peers do not forward to peers, so a dialling side receives what the listening
 //! side sends it and nothing that another dialling side published. A peer does forward between a client or
-//! a router and everybody else, so sessions in those modes are refused. A router in the middle would add two hops
-//! to every message and would forward between agents.
+//! a router and all others, so sessions in those modes are refused. A router in the middle would add two hops to
+//! every message and would forward between agents.
 //!
 //! # Order
 //!
@@ -17,8 +17,8 @@
 //!   lives. Across a reconnect delivery is at most once: messages that matter carry a number and can be
 //!   asked for again.
 //! - What a side sends after [`open`] has returned reaches every side that it dialled. In the other
-//!   direction: subscribe first, then ask or announce; whoever sees the query or the token already knows
-//!   of the subscription.
+//!   direction: subscribe first, then query or announce. A side that receives the query or the token has
+//!   already received the subscription.
 //! - A publication that nobody subscribes to is dropped where it was sent.
 //!
 //! # Threads
@@ -33,10 +33,10 @@
 //!
 //! # Liveness
 //!
-//! A process that is killed closes its sockets: its tokens are gone within 1 to 2 ms. One that is stopped
-//! or cut off without a word keeps its session for the lease of 10 s. Measured with SIGSTOP, on Unix sockets
-//! and TCP, with low latency and without: after 6 s the session is whole and what was sent meanwhile is
-//! answered; after more than the lease the token was gone at 10.0 s and back 2 to 4 ms after SIGCONT.
+//! A killed process closes its sockets: its tokens are gone within 1 to 2 ms. A process that is stopped, or whose
+//! network is cut, keeps its session for the lease of 10 s. Measured with SIGSTOP, on Unix sockets and TCP, with low
+//! latency and without: after 6 s the session is intact and messages sent meanwhile are answered; after more than the
+//! lease the token was gone at 10.0 s and back 2 to 4 ms after SIGCONT.
 
 mod endpoint;
 mod error;
@@ -67,60 +67,60 @@ pub enum Event {
     Message {
         /// The key it was published on; shared with the subscription when that names one exact key.
         key: Arc<str>,
-        /// The bytes as they were sent.
+        /// The payload.
         payload: Vec<u8>,
     },
-    /// A question on a key that this side serves.
+    /// A query on a key that this side serves.
     Query(Query),
-    /// A token on a watched key is present: it was so already, or it has just been announced.
+    /// A token on a watched key is present: it existed already, or was just announced.
     Alive {
         /// The key of the token.
         key: Arc<str>,
     },
-    /// A token on a watched key is gone: it was dropped, or its process died or was cut off.
+    /// A token on a watched key is gone: it was dropped, or its process died or lost its connection.
     Gone {
         /// The key of the token.
         key: Arc<str>,
     },
-    /// Never sent by the bus: `main` pushes it into a role's inbox when a signal arrives.
+    /// A signal arrived: `main` pushes this into a role's inbox. The bus never sends it.
     Stop,
 }
 
-/// One side of the bus. What a side declares ends when its [`Guard`] or the side itself is dropped;
-/// after the latter its publishers answer [`Error::Closed`].
+/// One side of the bus. A declaration ends when its [`Guard`] or the side itself is dropped; after the latter
+/// publishers return [`Error::Closed`].
 ///
 /// A *key* is a path such as `rondo/r1/world/0/observe`. A *key expression* may contain `*` for one
 /// chunk and `**` for any number of chunks.
 pub trait Bus: Send + Sync {
-    /// A publisher that waits rather than loses when the link is full: for what learning depends on.
+    /// A publisher that waits when the link is full and loses nothing: for messages that learning depends on.
     fn publisher(&self, key: &str) -> Result<Publisher, Error>;
 
-    /// A publisher that drops rather than waits when the link is full: for metrics.
+    /// A publisher that drops messages when the link is full and never waits: for metrics.
     fn best_effort_publisher(&self, key: &str) -> Result<Publisher, Error>;
 
-    /// Receives publications on matching keys as [`Event::Message`], this side's own included.
+    /// Receives publications on matching keys as [`Event::Message`], also this side's own.
     fn subscribe(&self, key_expr: &str, inbox: Inbox) -> Result<Guard, Error>;
 
-    /// Receives questions on matching keys as [`Event::Query`].
+    /// Receives queries on matching keys as [`Event::Query`].
     fn serve(&self, key_expr: &str, inbox: Inbox) -> Result<Guard, Error>;
 
-    /// Asks whoever serves `key` and waits for the first reply. `None` when nobody serves the key,
-    /// everybody who does dropped the query, or the timeout passed.
+    /// Sends a query on `key` and waits for the first reply. `None` if no side serves the key, every side that does
+    /// dropped the query, or the timeout passed.
     fn ask(&self, key: &str, payload: &[u8], timeout: Duration) -> Result<Option<Vec<u8>>, Error>;
 
-    /// Shows a token on `key` for as long as the guard, this side and its process live. A key that
-    /// several others announce is alive from the first of them to the last, so that a process may
-    /// start before its predecessor is gone; a side that announces one itself must not watch it.
+    /// Keeps a token on `key` for as long as the guard, this side and its process live. A key that several other sides
+    /// announce is alive from the first of them to the last, so a process may start before its predecessor is gone. A
+    /// side must not watch a key that it announces itself.
     fn announce(&self, key: &str) -> Result<Guard, Error>;
 
     /// Receives [`Event::Alive`] for tokens that are present, then every change.
     fn watch(&self, key_expr: &str, inbox: Inbox) -> Result<Guard, Error>;
 
-    /// The endpoints this side really listens on, with ports that were given as 0 filled in. Empty in
-    /// memory and for a side that only dials.
+    /// The endpoints that this side listens on, with the real port where 0 was given. Empty in memory and for a side
+    /// that only dials.
     fn endpoints(&self) -> Vec<String>;
 
-    /// The books of this side: what it sent and declared.
+    /// The traffic counts of this side.
     fn ledger(&self) -> &Arc<Ledger>;
 
     /// Messages and payload bytes that this side sent (publications, queries and replies), by key and
@@ -143,7 +143,7 @@ impl Publisher {
         Self { send: Box::new(send) }
     }
 
-    /// Sends `payload` to everybody who subscribes to the key.
+    /// Sends `payload` to all subscribers of the key.
     ///
     /// # Errors
     /// [`Error::Closed`] when the side that made this publisher was dropped, [`Error::TooLarge`] when
@@ -153,12 +153,12 @@ impl Publisher {
     }
 }
 
-/// A question from another side, to be answered now or later, from any thread. Dropped unanswered, the
-/// asking side is told that there is no reply.
+/// A query from another side. It may be answered now or later, from any thread. If it is dropped without an answer,
+/// the other side receives "no reply" at once.
 pub struct Query {
-    /// The key that was asked.
+    /// The key of the query.
     pub key: Arc<str>,
-    /// The bytes of the question.
+    /// The payload of the query.
     pub payload: Vec<u8>,
     reply: Box<ReplyFn>,
 }
@@ -168,8 +168,8 @@ impl Query {
         Self { key, payload, reply: Box::new(reply) }
     }
 
-    /// Answers. A reply that cannot be delivered, because the asking side has gone or waits no longer,
-    /// is dropped and logged: the asking side asks again.
+    /// Sends the reply. If it cannot be delivered because the other side is gone or has stopped waiting, it is dropped
+    /// and logged; the other side sends its query again.
     pub fn reply(self, payload: &[u8]) {
         (self.reply)(payload);
     }

@@ -1,8 +1,7 @@
-//! The bus in memory: several sides on one hub in one process, with the meaning of the zenoh bus and
-//! without its threads.
+//! The bus in memory: several sides on one hub in one process. It behaves like the zenoh bus, without its threads.
 //!
-//! Delivery happens on the sender's thread, before `send` returns, in the order of declaration. Unlike in
-//! the star of peers every side hears every other. Faults, where asked for, touch publications only.
+//! Delivery happens on the sender's thread, before `send` returns, in the order of declaration. Unlike in the star of
+//! peers, every side can receive from every other. Faults, if requested, affect publications only.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::mpsc::{self, Sender};
@@ -21,7 +20,7 @@ pub fn memory() -> MemoryHub {
     MemoryHub::default()
 }
 
-/// Where the sides of an in-memory bus meet. Clones are the same hub.
+/// The hub that the sides of an in-memory bus share. Clones are the same hub.
 #[derive(Clone, Default)]
 pub struct MemoryHub {
     state: Arc<Mutex<State>>,
@@ -37,7 +36,7 @@ impl MemoryHub {
         hub
     }
 
-    /// A new side of the bus. When it is dropped, all that it declared ends, as if its process had died.
+    /// A new side of the bus. When it is dropped, its declarations end, as if its process had died.
     pub fn connect(&self) -> Arc<dyn Bus> {
         let mut state = lock(&self.state);
         let side = state.new_id();
@@ -50,11 +49,11 @@ impl MemoryHub {
 struct State {
     last_id: u64,
     sides: BTreeSet<u64>,
-    /// By id, which is the order of declaration.
+    /// By id, in the order of declaration.
     listeners: BTreeMap<u64, Listener>,
     tokens: BTreeMap<u64, Token>,
     faults: Option<Faults>,
-    /// Publications so far by key; kept for the faults only.
+    /// Number of publications so far, by key; used for faults only.
     published: HashMap<Arc<str>, u64>,
 }
 
@@ -70,9 +69,9 @@ struct Listener {
     kind: Kind,
     key_expr: OwnedKeyExpr,
     inbox: Inbox,
-    /// The books of the side that listens.
+    /// The traffic counts of the subscribing side.
     ledger: Arc<Ledger>,
-    /// A publication that the next one overtakes.
+    /// A publication to be delivered after the next one.
     held: Option<(Arc<str>, Vec<u8>)>,
 }
 
@@ -161,7 +160,7 @@ impl MemoryBus {
         let mut state = lock(&self.state);
         if kind == Kind::Watch {
             let matching = state.tokens.values().filter(|token| token.key.intersects(&key_expr));
-            // A key that several sides announce is told once.
+            // A key that several sides announce is reported once.
             for key in matching.map(|token| token.key.as_str()).collect::<BTreeSet<_>>() {
                 inbox.push(Event::Alive { key: key.into() });
             }
@@ -220,7 +219,7 @@ impl Bus for MemoryBus {
             listener.inbox.push(Event::Query(query(&line.key, payload, replies.clone(), ledger)));
         }
         line.sent(Sent::Query, payload);
-        // From here on the queries alone can answer: when all are dropped, the wait ends.
+        // From here on only the queries can send a reply: when all are dropped, the wait ends.
         drop(replies);
         Ok(reply.recv_timeout(timeout).ok())
     }

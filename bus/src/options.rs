@@ -1,5 +1,4 @@
-//! How a process takes part in the bus, and what that means in the words of zenoh: a star on explicit
-//! endpoints.
+//! How a process takes part in the bus, and the configuration of zenoh for it: a star on explicit endpoints.
 
 use std::time::Duration;
 
@@ -9,45 +8,43 @@ use serde_json::json;
 use crate::endpoint::Endpoint;
 use crate::Error;
 
-/// The largest payload that the low-latency transport is trusted with. It does not cut messages up: one
-/// beyond the batch size of the link (65,535 bytes on a Unix socket, less on TCP, headers included) kills
-/// the session without a word, so that half of it is refused here, where somebody hears of it.
+/// The largest payload for the low-latency transport. That transport does not fragment: a message beyond the batch
+/// size of the link (65,535 bytes on a Unix socket, less on TCP, headers included) ends the session without an error.
+/// Half of that size is already rejected here, with an error.
 pub const LOW_LATENCY_MAX_BYTES: usize = 32 * 1024;
 
-/// A peer that says nothing for this long is taken for dead. Long enough for a process that is stopped,
-/// swapped out or starved for some seconds; a process that dies closes its sockets and is seen at once.
+/// A peer that sends nothing for this long counts as dead. Long enough for a process that is stopped, swapped out or
+/// starved for some seconds. A process that dies closes its sockets, which is noticed at once.
 const LEASE: Duration = Duration::from_secs(10);
 
-/// How long a blocking publication may wait for room. When it passes, zenoh closes the session, loses
-/// what was queued and reports success, so it is far longer than any pause that a run survives.
+/// How long a blocking publication may wait for room. After that zenoh closes the session, loses the queue and
+/// reports success, so this is far longer than any pause that a run survives.
 const WAIT_BEFORE_CLOSE: Duration = Duration::from_secs(600);
 
-/// Retry periods, first and longest. Endpoints that a role needs are about to appear; an optional one,
-/// such as a monitor, may be absent for the whole run and should cost nothing.
+/// Retry periods, first and longest. A required endpoint is about to appear. An optional one, such as a monitor, may
+/// be absent for the whole run and should cost nothing.
 const RETRY_NEEDED: [Duration; 2] = [Duration::from_millis(20), Duration::from_millis(100)];
 const RETRY_OPTIONAL: [Duration; 2] = [Duration::from_millis(200), Duration::from_secs(2)];
 
-/// One runtime with one thread for everything that zenoh does. With a second one each message wakes both, the
-/// other to look for work: a twentieth more processor time. Nothing of ours ever holds the one up, and where zenoh
-/// itself has to wait it puts another in its place.
+/// One runtime with one thread for all of zenoh. With a second thread each message wakes both, one only to look for
+/// work: a twentieth more processor time. Rondo's code never blocks that thread, and zenoh starts a replacement where
+/// it has to wait itself.
 const ONE_RUNTIME: &str =
     "(acc:(handover:rx),app:(handover:rx),net:(handover:rx),tx:(handover:rx),rx:(worker_threads:1))";
 
-/// How to take part in the bus.
+/// How a process takes part in the bus.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Endpoints to listen on: `unixsock-stream/PATH` or `tcp/HOST:PORT`, where port 0 means any.
     pub listen: Vec<String>,
-    /// Endpoints to dial, one for each other side (zenoh refuses a second link to the same one). All must
-    /// answer within `connect_timeout`; a link that is lost later is dialled again for as long as this
-    /// side lives.
+    /// Endpoints to dial, one for each other side (zenoh refuses a second link to the same one). All must answer within
+    /// `connect_timeout`. A link that is lost later is dialled again for as long as this side lives.
     pub connect: Vec<String>,
-    /// Endpoints to dial in the background, for example a monitor: not reaching one is no error.
+    /// Endpoints to dial in the background, for example a monitor. An unreachable one is not an error.
     pub optional_connect: Vec<String>,
     /// How long [`open`](crate::open) waits for all of `connect`.
     pub connect_timeout: Duration,
-    /// The transport that is faster and carries at most [`LOW_LATENCY_MAX_BYTES`] a message. Used on a link
-    /// when both sides ask for it.
+    /// The faster transport, with at most [`LOW_LATENCY_MAX_BYTES`] per message. Both sides of a link must enable it.
     pub low_latency: bool,
 }
 
@@ -63,18 +60,17 @@ impl Default for Options {
     }
 }
 
-/// Makes zenoh use one runtime in this process, unless `ZENOH_RUNTIME` says otherwise already.
+/// Makes zenoh use one runtime in this process, unless `ZENOH_RUNTIME` is already set.
 ///
-/// Call it at the top of `main`, before any thread is started: it sets an environment variable, and zenoh
-/// reads it once, at its first use. [`open`](crate::open) warns when nobody did.
+/// Call it at the top of `main`, before any thread starts: it sets an environment variable, which zenoh reads once,
+/// at its first use. [`open`](crate::open) logs a warning if this was not called.
 pub fn use_one_runtime() {
     if std::env::var_os("ZENOH_RUNTIME").is_none() {
         std::env::set_var("ZENOH_RUNTIME", ONE_RUNTIME);
     }
 }
 
-/// The configuration of a session that listens on `listen`, where no port is 0, and dials what the options
-/// say.
+/// zenoh's configuration of a session that listens on `listen`, where no port is 0, and dials as in `options`.
 pub(crate) fn config(
     options: &Options,
     listen: &[Endpoint],
@@ -92,18 +88,18 @@ pub(crate) fn config(
         "listen": { "endpoints": listen, "exit_on_failure": true },
         "connect": {
             "endpoints": connect,
-            // Rounded up, so that a failure after it is a timeout; 0 would mean one attempt without waiting.
+            // Rounded up, so that a failure after it is a timeout. 0 would mean one attempt without waiting.
             "timeout_ms": i64::try_from(connect_timeout.as_millis() + 1).unwrap_or(i64::MAX),
             "exit_on_failure": true,
             "retry": { "period_init_ms": first, "period_max_ms": longest, "period_increase_factor": 2.0 },
         },
         // The wait for scouted peers can miss its signal and then lasts the whole scouting delay of 500 ms.
-        // It is not needed: to a peer that has not yet told what it wants, zenoh sends everything.
+        // It is not needed: zenoh sends everything to a peer whose subscriptions it has not received yet.
         "open": { "return_conditions": { "connect_scouted": false } },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
-        // Peers only. A peer would forward between a client or a router and everybody else, in both directions. This
-        // names routers as the ones to serve as a gateway, which a peer cannot do, so that they are refused; clients
-        // are refused because they are not named.
+        // Peers only. A peer would forward between a client or a router and all others, in both directions. This names
+        // routers as the sessions to serve as a gateway, which a peer cannot do, so they are refused. Clients are
+        // refused because they are not named.
         "gateway": { "south": [{ "filters": [{ "modes": ["router"] }] }] },
         "transport": {
             // zenoh allows only one of the two.
@@ -119,10 +115,10 @@ pub(crate) fn config(
     Config::from_json5(&json.to_string()).map_err(|error| failed("read its configuration", &*error))
 }
 
-/// An error of zenoh's, whose messages are all that tells one from another.
+/// An error of zenoh. Its errors can be distinguished by their text only.
 pub(crate) fn failed(action: &str, error: &(dyn std::error::Error + Send + Sync)) -> Error {
     let text = error.to_string();
-    // zenoh ends its messages with the place in its sources, which helps nobody here.
+    // zenoh's messages end with a place in its own source, which does not help the user.
     let reason = match text.rsplit_once(" at ") {
         Some((reason, place)) if place.contains(".rs:") => reason,
         _ => &text,
@@ -168,7 +164,7 @@ mod tests {
         assert_eq!(value("scouting/multicast/enabled"), "false");
         assert_eq!(value("scouting/gossip/enabled"), "false");
         assert_eq!(value("open/return_conditions/connect_scouted"), "false");
-        // Not to be had by its key.
+        // zenoh has no access to this value by its key.
         let whole: serde_json::Value = serde_json::from_str(&config.to_string()).unwrap();
         assert_eq!(whole["gateway"]["south"][0]["filters"][0]["modes"], json!(["router"]));
     }

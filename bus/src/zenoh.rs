@@ -15,25 +15,25 @@ use crate::ledger::{Ledger, Record, Sent};
 use crate::options::{config, failed};
 use crate::{key, Bus, Error, Event, Guard, Inbox, Options, Publisher, Query, LOW_LATENCY_MAX_BYTES};
 
-/// Any question is over after this; keeps sums of instants in range.
+/// Longest timeout of a query; prevents an overflow in sums of instants.
 const LONGEST_QUESTION: Duration = Duration::from_secs(24 * 3600);
 
-/// A Unix socket whose process has been killed is free again within milliseconds. Who holds it longer than
-/// this has not been killed.
+/// The Unix socket of a killed process is free again within milliseconds. A socket still locked after this time
+/// belongs to a live process.
 const STILL_ENDING: Duration = Duration::from_secs(3);
 
-/// Between two attempts to take such a socket over.
+/// Pause between two attempts to listen on such a socket.
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
 
-/// Attempts to listen on a port given as 0, in case that the free port found is taken before zenoh has it.
+/// Attempts to listen where port 0 was given: another process may take the free port before zenoh binds it.
 const PORT_ATTEMPTS: usize = 5;
 
-/// Joins the bus: listens, dials, and waits until every endpoint of `connect` has answered. Takes a few
-/// milliseconds when all are there. What is sent from then on reaches those who were dialled.
+/// Joins the bus: listens, dials, and waits until every endpoint of `connect` has answered. Takes a few milliseconds
+/// when all are up. Messages sent from then on reach all sides that were dialled.
 ///
 /// # Errors
-/// [`Error::Endpoint`] for a string that is no endpoint, [`Error::InUse`] and [`Error::Listen`] for one that
-/// cannot be listened on, [`Error::Unreachable`] for those that did not answer in time.
+/// [`Error::Endpoint`] for a string that is not an endpoint, [`Error::InUse`] and [`Error::Listen`] for one on which
+/// this process cannot listen, [`Error::Unreachable`] for those that did not answer in time.
 pub fn open(options: &Options) -> Result<Arc<dyn Bus>, Error> {
     static WARNING: Once = Once::new();
     if std::env::var_os("ZENOH_RUNTIME").is_none() {
@@ -82,8 +82,8 @@ pub fn open(options: &Options) -> Result<Arc<dyn Bus>, Error> {
     }
 }
 
-/// The endpoint whose lock zenoh could not take. Nobody accepts connections there any more, but the process
-/// that did so, or a child of it that has inherited the lock, is not quite gone.
+/// The endpoint whose lock zenoh could not take. No process accepts connections there any more, but the previous one,
+/// or a child of it that inherited the lock, has not ended yet.
 fn locked<'a>(listen: &'a [Endpoint], error: &(dyn std::error::Error + Send + Sync)) -> Option<&'a Endpoint> {
     let text = error.to_string();
     let held = |endpoint: &&Endpoint| {
@@ -93,7 +93,7 @@ fn locked<'a>(listen: &'a [Endpoint], error: &(dyn std::error::Error + Send + Sy
     listen.iter().find(held)
 }
 
-/// Names the endpoints that accept no connection; when all do, none of them spoke zenoh in time.
+/// Names the endpoints that accept no connection. If all accept one, none of them answered as zenoh in time.
 fn unreachable(needed: &[Endpoint], waited: Duration) -> Error {
     let silent: Vec<_> = needed.iter().filter(|endpoint| !endpoint.answers()).collect();
     let blamed = if silent.is_empty() { needed.iter().collect() } else { silent };
@@ -114,8 +114,8 @@ impl ZenohBus {
             .session
             .declare_publisher(key::exact(key)?)
             .congestion_control(congestion)
-            // Express: not held back to share a packet with the next message. Metrics may be, and they
-            // also stand back behind everything else.
+            // Express: sent at once, without waiting to share a packet with the next message. Metrics are not express,
+            // and have a lower priority than all else.
             .express(blocking)
             .priority(if blocking { Priority::DEFAULT } else { Priority::DataLow })
             .wait()
@@ -172,7 +172,7 @@ impl Bus for ZenohBus {
             let key = shared(&of_query, query.key_expr().as_str());
             let payload = query.payload().map(bytes).unwrap_or_default();
             let (ledger, of_reply) = (ledger.clone(), key.clone());
-            // The line is opened when there is a reply, so that strangers cannot fill the books.
+            // The counts of a key are created with the first reply, so foreign queries alone create none.
             let answer = move |payload: &[u8]| answer(&query, of_reply, payload, &ledger, max_bytes);
             inbox.push(Event::Query(Query::new(key, payload, answer)));
         };
@@ -195,14 +195,14 @@ impl Bus for ZenohBus {
             .get(key::exact(key)?)
             .payload(payload)
             .timeout(timeout)
-            // Otherwise zenoh holds replies back until all have come.
+            // Otherwise zenoh delays replies until all have arrived.
             .consolidation(ConsolidationMode::None)
             .congestion_control(CongestionControl::Block)
             .express(true)
             .wait()
             .map_err(|error| failed(&format!("ask on `{key}`"), &*error))?;
         self.ledger.line(key.into()).sent(Sent::Query, payload);
-        // Errors among the replies are timeouts; the channel closes when nobody is left who may answer.
+        // Errors among the replies are timeouts. The channel closes when no side is left that may answer.
         while let Ok(Some(reply)) = replies.recv_deadline(deadline) {
             if let Ok(sample) = reply.into_result() {
                 return Ok(Some(bytes(sample.payload())));
@@ -271,7 +271,7 @@ fn answer(
     }
 }
 
-/// The declared key where it is the very key that came, so that a message costs no new string.
+/// The declared key if it equals the key of the message, so that a message needs no new string.
 fn shared(declared: &Arc<str>, came: &str) -> Arc<str> {
     if **declared == *came {
         declared.clone()

@@ -2,7 +2,7 @@
 //!
 //! Byte 0 is [`WIRE_VERSION`], byte 1 the message's tag, the rest its content. Tick messages lay their content out
 //! themselves ([`crate::tick`]); control messages ([`crate::control`]) are encoded here. Decoding is bounded, never
-//! panics, and treats leftover bytes as an error: they mean a desynced or foreign peer.
+//! panics, and treats leftover bytes as an error: they come from a foreign or a broken peer.
 
 use crate::control::Rates;
 use serde::de::DeserializeOwned;
@@ -16,18 +16,17 @@ pub const WIRE_VERSION: u8 = 2;
 /// Version and tag.
 const FRAME_BYTES: usize = 2;
 
-/// No control message is longer: that of the largest schedule.
+/// The longest control message is that of the largest schedule.
 const LONGEST_CONTROL_MESSAGE: usize = Rates::MAX_BYTES;
 
-/// Bound on what bincode may claim while it decodes one message. It charges a number that took one byte on the wire
-/// with the eight it takes in memory; twice that leaves room for the lengths. Without a bound, a hostile length makes
-/// bincode panic.
+/// Memory that bincode may allocate while it decodes one message. It counts eight bytes for a number that took one
+/// byte on the wire; twice that leaves room for the lengths. Without a bound, a hostile length makes bincode panic.
 const DECODE_LIMIT: usize = 16 * LONGEST_CONTROL_MESSAGE;
 
-/// Why bytes are not the message they should be, or a message cannot be sent.
+/// Why bytes cannot be decoded as the expected message, or a message cannot be sent.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum WireError {
-    /// Not even a frame or a header.
+    /// Too short for a frame or a header.
     #[error("{name} message of {found} bytes: expected at least {expected}")]
     TooShort { name: &'static str, expected: usize, found: usize },
     /// The peer was built from another version of the project.
@@ -36,16 +35,16 @@ pub enum WireError {
          install the same version of rondo on every host"
     )]
     Version { ours: u8, theirs: u8 },
-    /// Another message than the one that belongs here.
+    /// A message of another type.
     #[error("message with tag {found}: expected {name}, tag {expected}")]
     Tag { name: &'static str, expected: u8, found: u8 },
-    /// The header promises another length.
+    /// The header gives another length.
     #[error("{name} message of {found} bytes: its header says {expected}")]
     Length { name: &'static str, expected: u64, found: usize },
-    /// Longer than this message may be.
+    /// Longer than this message is allowed to be.
     #[error("{name} message of {found} bytes: at most {limit} are allowed")]
     TooLong { name: &'static str, limit: usize, found: usize },
-    /// Well-formed bytes that say something impossible.
+    /// Well-formed bytes with an impossible value.
     #[error("{name} message: {what}")]
     Value { name: &'static str, what: String },
     /// Bytes after the end of the message.
@@ -65,7 +64,7 @@ pub trait Message: Serialize + DeserializeOwned {
     /// Longest permitted message, frame included.
     const MAX_BYTES: usize;
 
-    /// What the types cannot say. Checked before sending and after receiving.
+    /// Checks what the types cannot express. Called before sending and after receiving.
     ///
     /// # Errors
     /// A sentence fragment: what is wrong and what was expected.
@@ -77,7 +76,7 @@ pub trait Message: Serialize + DeserializeOwned {
 /// The message as it goes over the bus.
 ///
 /// # Errors
-/// [`WireError::Value`] and [`WireError::TooLong`] for a message that every receiver would refuse.
+/// [`WireError::Value`] and [`WireError::TooLong`] for a message that every receiver would reject.
 pub fn encode<M: Message>(message: &M) -> Result<Vec<u8>, WireError> {
     message.check().map_err(|what| WireError::Value { name: M::NAME, what })?;
     let mut bytes = vec![WIRE_VERSION, M::TAG];

@@ -2,8 +2,8 @@
 //!
 //! Every process of a run holds the same [`Config`] and compares [`Config::digest`] when it joins. Where a process
 //! listens and where it writes is not part of it. Every key is always present in the file; defaults come from
-//! [`crate::presets`], and keys that do not exist are errors, because a misspelt key that is silently ignored is a
-//! known way to publish wrong results (algorithms §11).
+//! [`crate::presets`]. Unknown keys are errors, because a misspelt key that is silently ignored is a known way to
+//! publish wrong results (algorithms §11).
 
 mod difference;
 pub mod limits;
@@ -25,7 +25,7 @@ use std::str::FromStr;
 pub struct Config {
     /// Name of the run: part of every key on the bus and the name of its folder.
     pub run: String,
-    /// All chance follows from it ([`crate::stream`]).
+    /// The random seed: every random stream is derived from it ([`crate::stream`]).
     pub seed: u64,
     /// Environment steps to learn from, summed over copies; the round that reaches it is the last (algorithms §8.1).
     pub t_max: u64,
@@ -44,7 +44,7 @@ pub struct Config {
     pub bus: BusOptions,
 }
 
-/// What is learned in.
+/// The task and its settings.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct World {
@@ -52,23 +52,23 @@ pub struct World {
     pub task: String,
     /// Agents in the team.
     pub agents: u32,
-    /// Environment copies, each good for one episode of a round (algorithms §2.3): the episodes in a batch of PPO, the
-    /// new episodes between two rounds of Q-learning.
+    /// Environment copies. Each plays one episode of a round (algorithms §2.3): with PPO these are the episodes of a
+    /// batch, with Q-learning the new episodes of a round.
     pub copies: u32,
     /// Who plays what the team does not control: `builtin`, `random`, `still`, or the BLAKE3 digest of a file of
     /// weights in hexadecimal; opaque here.
     pub opponent: String,
     /// Observations and action sets are padded to the largest of the team, as in the reference (algorithms §2.4).
     pub pad: bool,
-    /// What each agent is rewarded with (algorithms §2.5).
+    /// The reward that each agent learns from (algorithms §2.5).
     pub reward: Reward,
 }
 
-/// What each agent is rewarded with.
+/// The reward that each agent learns from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reward {
-    /// The sum over the team: everybody learns from the same number (algorithms §2.5).
+    /// The sum over the team: all agents learn from the same number.
     Sum,
     /// The mean over the team.
     Mean,
@@ -97,29 +97,29 @@ impl FromStr for Reward {
     }
 }
 
-/// How each agent learns: what all algorithms have.
+/// Settings that all algorithms have.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Algo {
     pub name: AlgoName,
-    /// Which published variant the other keys started from; it decides nothing by itself.
+    /// The published variant that the other keys started from. It has no effect by itself (algorithms §11).
     pub profile: Profile,
-    /// The network of the policy or of the action values; PPO's critic is always fully connected (algorithms §1.2).
+    /// The network of the policy or of the Q values; PPO's critic is always fully connected (algorithms §1.2).
     pub network: Network,
     /// Width of the hidden layers of all networks.
     pub hidden: u32,
     /// Discount factor.
     pub gamma: f64,
-    /// Above 1: the target network is copied every that many update calls. Up to 1: Polyak τ (algorithms §4.4).
+    /// Above 1: update calls between hard copies of the target network. Up to 1: Polyak's τ (algorithms §4.4).
     pub target_update: f64,
-    /// The gradients of each of an agent's networks are scaled down to this norm.
+    /// Longer gradients are scaled down to this norm, for each network of an agent by itself.
     pub max_grad_norm: f64,
     pub clip_scope: ClipScope,
     pub reward_standardisation: RewardStandardisation,
     pub frozen_moments: FrozenMoments,
-    /// A one-hot agent index is appended to the network's input (algorithms §1.4).
+    /// Appends a one-hot agent index to the input of the policy or Q network (algorithms §1.4).
     pub agent_id_input: bool,
-    /// A one-hot of the agent's own last action is appended to the network's input, before the index (algorithms §1.4).
+    /// Appends a one-hot of the agent's own last action to that input, before the index (algorithms §1.4).
     pub last_action_input: bool,
 }
 
@@ -132,7 +132,7 @@ pub struct Ppo {
     /// PPO's clip ε.
     pub clip: f64,
     pub entropy_coef: f64,
-    /// Rewards in an n-step return before it bootstraps (algorithms §4.3).
+    /// Rewards in an n-step return before it bootstraps, `N` (algorithms §4.3).
     pub n_step: u32,
     pub end_of_batch: EndOfBatch,
     pub policy_test: PolicyTest,
@@ -142,32 +142,32 @@ pub struct Ppo {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct QLearning {
-    /// Episodes that each agent remembers.
+    /// Episodes that each agent stores.
     pub buffer: u32,
-    /// Episodes drawn for an update call; there is none before so many are remembered.
+    /// Episodes drawn for an update call. There is no update call before this many are stored.
     pub batch: u32,
-    /// Whether the team draws the same episodes. A file without this key is older than it: then each agent drew its
-    /// own.
+    /// Whether all agents draw the same episodes (algorithms §5.1). Files from before this key lack it; then each agent
+    /// drew its own.
     #[serde(default = "Draws::of_old_runs")]
     pub draws: Draws,
-    /// The online network chooses the action that the target network values.
+    /// Double Q-learning: the online network chooses the action whose target value counts (algorithms §5.2).
     pub double: bool,
     /// Probability of a random action at the beginning.
     pub epsilon_start: f64,
-    /// The same after `epsilon_anneal` environment steps, reached in a straight line.
+    /// The same after `epsilon_anneal` environment steps; linear in between.
     pub epsilon_finish: f64,
     pub epsilon_anneal: u64,
     /// Probability of a random action in tests.
     pub test_epsilon: f64,
-    /// An episode that the step limit ends is worth nothing beyond it (algorithms §3.4).
+    /// The step limit counts as a termination: no bootstrap after it (algorithms §3.4).
     pub time_limit_is_terminal: bool,
 }
 
-/// Which episodes the agents of a team draw for the same update call.
+/// Which episodes the agents of a team draw for the same update call (algorithms §5.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Draws {
-    /// The same for all, as in the reference. The seed decides which, so no agent sends another anything.
+    /// The same for all, as in the reference. They follow from the seed; no message carries them.
     Joint,
     /// Each agent draws its own.
     Independent,
@@ -179,11 +179,11 @@ impl Draws {
     }
 }
 
-/// What a policy does in tests (algorithms §8.2).
+/// How a policy chooses actions in tests (algorithms §8.2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PolicyTest {
-    /// It draws from its probabilities, as in training.
+    /// It samples, as in training.
     Sample,
     /// It takes the most probable action.
     Greedy,
@@ -193,7 +193,7 @@ pub enum PolicyTest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AlgoName {
-    /// Independent PPO: one rate for everyone.
+    /// Independent PPO: one rate for all agents.
     Ippo,
     /// Multi-timescale PPO: one rate for each level.
     Mtppo,
@@ -210,9 +210,9 @@ pub enum AlgoName {
 /// What kind of learner an algorithm is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Learner {
-    /// On-policy: each batch of episodes is used once.
+    /// On-policy: each batch of episodes is used in one update call.
     Ppo,
-    /// Off-policy: episodes are remembered and drawn again.
+    /// Off-policy: episodes are stored and drawn again.
     Q,
 }
 
@@ -272,11 +272,11 @@ impl FromStr for AlgoName {
     }
 }
 
-/// Variants of the same algorithm: ours and two published ones (algorithms §11).
+/// Variants of the same algorithm: Rondo's and two published ones (algorithms §11).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Profile {
-    /// The default: as EPyMARL, but an episode that has come to its end is worth nothing beyond it.
+    /// The default: as EPyMARL, but without a bootstrap after a terminated episode.
     Rondo,
     /// The reference: EPyMARL as it is today.
     Epymarl,
@@ -311,7 +311,7 @@ impl FromStr for Profile {
     }
 }
 
-/// A name given on the command line that stands for nothing.
+/// An unknown name on the command line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("unknown {what} `{found}`: expected {expected}")]
 pub struct UnknownChoice {
@@ -333,7 +333,7 @@ fn choose<T: Copy, const N: usize>(
     })
 }
 
-/// The actor's network (algorithms §1.1).
+/// The network of a policy, or the Q network (algorithms §1.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Network {
@@ -343,26 +343,26 @@ pub enum Network {
     Gru,
 }
 
-/// Over whose gradients the norm is taken that is clipped (algorithms §6.4).
+/// Whose gradients are clipped to one norm (algorithms §6.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClipScope {
     PerAgent,
-    /// Understood, but refused by [`Config::validate`]: agents in processes of their own share no gradients.
+    /// The team's. Rejected by [`Config::validate`]: agents in separate processes do not share gradients.
     Joint,
 }
 
-/// What stands in for the future at the last slot of a batch (algorithms §4.3).
+/// What an n-step return adds where a batch or an episode ends (algorithms §4.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EndOfBatch {
-    /// The target critic at the last slot, for every episode and without a mask.
+    /// The target critic's value at the last slot of the batch, for every episode and without a mask.
     Epymarl,
     /// Nothing.
     NoBootstrap,
-    /// The target critic one slot earlier, in place of the last reward.
+    /// The target critic's value one slot earlier, in place of the last reward.
     Benchmark2021,
-    /// The target critic at each episode's own end if the step limit ended it, else nothing.
+    /// The target critic's value at each episode's own end if the step limit ended it, else nothing.
     Correct,
 }
 
@@ -391,27 +391,27 @@ impl fmt::Display for EndOfBatch {
 #[serde(rename_all = "snake_case")]
 pub enum RewardStandardisation {
     Off,
-    /// By mean and variance of all rewards so far.
+    /// With mean and variance of all rewards so far.
     Running,
-    /// By mean and deviation of this batch.
+    /// With mean and standard deviation of this batch.
     Batch,
 }
 
-/// What Adam's moments do in an update call at rate 0 (algorithms §6.4).
+/// What happens to Adam's moments in an update call at rate 0 (algorithms §6.4).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FrozenMoments {
-    /// They follow the gradients while the parameters stand still.
+    /// They follow the gradients; the parameters do not change.
     Update,
-    /// They stand still too.
+    /// They do not change either.
     Hold,
 }
 
-/// Who learns at which rate, and when that changes (algorithms §6).
+/// Which agent learns at which rate, and when that changes (algorithms §6).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Schedule {
-    /// Learning rate of each level, for actor and critic alike.
+    /// Learning rate of each level: for all networks that an agent learns.
     pub rates: Vec<f64>,
     /// The level of each agent in period 0; in period `p` agent `i` has `levels[(i - p) mod n]`.
     pub levels: Vec<u32>,
@@ -425,12 +425,12 @@ pub struct Schedule {
 #[serde(rename_all = "snake_case")]
 pub enum SwitchUnit {
     UpdateCall,
-    /// One for each epoch of PPO, one for each update call of Q-learning. Rates change between update calls only, so
-    /// that a period has to be a whole number of them.
+    /// One for each epoch of PPO, one for each update call of Q-learning. Rates change between update calls only, so a
+    /// period has to be a whole number of update calls.
     GradientStep,
 }
 
-/// When and how long to test (algorithms §8.2).
+/// When to test, and over how many episodes (algorithms §8.2).
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Test {
@@ -444,7 +444,7 @@ pub struct Test {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Save {
-    /// Rounds between checkpoints: the most work that a lost process costs.
+    /// Rounds between checkpoints. A lost process costs at most this much work.
     pub interval: u64,
 }
 
@@ -456,10 +456,10 @@ pub struct Log {
     pub interval: u64,
 }
 
-/// How processes talk; the same on both sides of a connection, or they would not understand each other.
+/// Settings of the transport. Both sides of a connection need the same ones.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BusOptions {
-    /// The faster transport, which cannot carry a tick of 32 KiB or more.
+    /// zenoh's low-latency transport. It cannot carry a tick of 32 KiB or more.
     pub low_latency: bool,
 }

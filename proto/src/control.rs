@@ -1,6 +1,6 @@
 //! The rare messages: joining, the schedule, progress and metrics.
 //!
-//! They are encoded by [`crate::codec`]: positional, so that changing a struct here changes the wire version.
+//! [`crate::codec`] encodes them by position, so a change of a struct here needs a new wire version.
 
 mod join;
 mod schedule;
@@ -11,7 +11,7 @@ pub use schedule::{Progress, Rates, RatesQuery};
 use crate::codec::Message;
 use serde::{Deserialize, Serialize};
 
-/// Numbers for whoever watches: one row of a metrics file.
+/// Scalars for a live display: one row of a metrics file.
 ///
 /// - key: `agent/{i}/metrics` or `world/metrics`
 /// - from agent i or the env-server to monitors, best effort
@@ -20,7 +20,7 @@ use serde::{Deserialize, Serialize};
 pub struct Metrics {
     /// Environment steps counted so far.
     pub t_env: u64,
-    /// Update calls that the agent has completed; from the env-server, which knows of none, training rounds.
+    /// Update calls that the agent has completed. The env-server counts no update calls and sends training rounds.
     pub update_calls: u64,
     /// Names and values; a value may be infinite or not a number, because learning can diverge.
     pub scalars: Vec<(String, f64)>,

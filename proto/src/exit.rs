@@ -1,6 +1,6 @@
-//! The exit codes of every program of the project, so that a supervisor can tell "retry" from "give up".
+//! The exit codes of all programs. A supervisor can see from them whether to start a program again.
 //!
-//! The numbers are those of BSD's `sysexits.h`, which service managers and batch systems already know.
+//! The numbers are those of BSD's `sysexits.h`, which service managers and batch systems support.
 
 /// The run is complete, or was stopped on request with its state saved.
 pub const DONE: u8 = 0;

@@ -1,14 +1,14 @@
-//! The names under which messages travel; no other place builds or takes apart a key.
+//! The keys of all messages. No other file builds or parses a key.
 //!
-//! All keys of a run begin with `rondo/{run}/`, so that several runs can share one bus. The table of who says what
-//! to whom is in `docs/protocol.md`.
+//! All keys of a run begin with `rondo/{run}/`, so several runs can share one bus. `docs/protocol.md` has a table of
+//! keys, senders and receivers.
 
 use thiserror::Error;
 
-/// Longest name of a run, in bytes; it is part of every key and the name of a folder.
+/// Longest name of a run, in bytes. It is part of every key and the name of a folder.
 pub const MAX_RUN_NAME: usize = 64;
 
-/// A run name that cannot be part of a key and the name of a folder.
+/// The run name cannot be part of a key or the name of a folder.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
     "run name `{0}` cannot be used: expected 1 to 64 characters out of A-Z, a-z, 0-9, `.`, `_` and `-`, \
@@ -19,7 +19,7 @@ pub struct RunNameError(pub String);
 /// Accepts names that are safe both as one chunk of a key and as the name of a folder.
 ///
 /// # Errors
-/// [`RunNameError`] for anything else, among it `..` and names that a shell takes for an option.
+/// [`RunNameError`] for anything else, also `..` and names that a shell takes for an option.
 pub fn check_run_name(run: &str) -> Result<(), RunNameError> {
     let allowed = |b: u8| b.is_ascii_alphanumeric() || matches!(b, b'.' | b'_' | b'-');
     let fits = run.len() <= MAX_RUN_NAME
@@ -28,14 +28,14 @@ pub fn check_run_name(run: &str) -> Result<(), RunNameError> {
     fits.then_some(()).ok_or_else(|| RunNameError(run.to_owned()))
 }
 
-/// What a key stands for. The number is the agent's index, from zero.
+/// The meaning of a key. The number is the agent's index, from zero.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Key {
     /// env-server → this agent only: [`crate::tick::Observe`].
     Observe(u32),
     /// this agent → env-server: [`crate::tick::Act`].
     Act(u32),
-    /// query of this agent to the env-server: [`crate::control::Join`], answered by [`crate::control::Welcome`].
+    /// query of this agent to the env-server: [`crate::control::Join`]; the reply is [`crate::control::Welcome`].
     Join(u32),
     /// coordinator → every agent: [`crate::control::Rates`]; also a query with [`crate::control::RatesQuery`].
     Schedule,
@@ -85,7 +85,7 @@ impl Keys {
         }
     }
 
-    /// env-server → this agent, and nobody else.
+    /// env-server → this agent only.
     pub fn observe(&self, agent: u32) -> String {
         self.of(Key::Observe(agent))
     }
@@ -155,8 +155,8 @@ impl Keys {
         format!("{}alive/**", self.prefix)
     }
 
-    /// What a key of this run stands for; `None` for other runs, unknown keys and anything not spelt as
-    /// [`Keys::of`] spells it, so that one agent has one name.
+    /// The meaning of a key of this run. `None` for other runs, unknown keys and anything that [`Keys::of`] would spell
+    /// otherwise, so that each agent has one name.
     pub fn parse(&self, key: &str) -> Option<Key> {
         let rest = key.strip_prefix(&self.prefix)?;
         let mut chunks = rest.split('/');

@@ -1,10 +1,9 @@
 //! Every message, every key, the wire format and the experiment's configuration.
 //!
-//! This crate is pure: it opens no socket, reads no clock and touches no file, so that every role, every test and
-//! every other language can agree with it by reading alone. `docs/protocol.md` says the same for people who write an
-//! agent without Rust, and a test holds the two together byte by byte.
+//! This crate is pure: it opens no socket and no file and reads no clock. `docs/protocol.md` describes the same wire
+//! format for agents in other languages, and a test compares the two byte by byte.
 //!
-//! "Spec" in comments is the specification of the algorithms that Rondo reproduces; sections are cited as `algorithms §6.2`.
+//! Comments in all crates cite `docs/spec/` by document and section: `algorithms §6.2` is `docs/spec/algorithms.md`.
 
 pub mod codec;
 pub mod config;

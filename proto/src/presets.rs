@@ -1,4 +1,4 @@
-//! The published settings (algorithms §9) as a place to start from.
+//! Default settings: the published ones (algorithms §9), and Rondo's choice where nothing is published.
 
 use crate::config::{
     Algo, AlgoName, BusOptions, ClipScope, Config, Draws, EndOfBatch, FrozenMoments, Learner, Log, Network,
@@ -22,7 +22,7 @@ pub enum Family {
 impl Family {
     pub const ALL: [Self; 4] = [Self::Lbf, Self::Rware, Self::Mpe, Self::Smac];
 
-    /// The family whose tasks' names begin so. Worlds that the paper does not have are treated like foraging.
+    /// The family whose task names begin with `name`. Worlds that are not in the paper get the settings of foraging.
     pub fn named(name: &str) -> Self {
         match name {
             "rware" => Self::Rware,
@@ -41,20 +41,20 @@ struct Row {
     target_update: f64,
 }
 
-/// What algorithms §9.1 has beside a [`Row`]: entropy coefficient and n-step.
+/// A [`Row`] with PPO's entropy coefficient and n-step.
 struct PpoRow {
     row: Row,
     entropy_coef: f64,
     n_step: u32,
 }
 
-/// One line of a table: width, reward standardisation, network, target update.
+/// Width, reward standardisation, network, target update.
 const fn row(hidden: u32, standardise_rewards: bool, network: Network, target_update: f64) -> Row {
     Row { hidden, standardise_rewards, network, target_update }
 }
 
 impl Family {
-    /// algorithms §9.1.
+    /// The table of algorithms §9.1.
     fn ppo(self) -> PpoRow {
         let (row, entropy_coef, n_step) = match self {
             Self::Mpe => (row(128, true, Network::Fc, 0.01), 0.01, 10),
@@ -65,7 +65,7 @@ impl Family {
         PpoRow { row, entropy_coef, n_step }
     }
 
-    /// algorithms §9.2.
+    /// The table of algorithms §9.2.
     fn q(self) -> Row {
         match self {
             Self::Mpe => row(128, true, Network::Fc, 0.01),
@@ -83,22 +83,22 @@ impl Family {
     }
 }
 
-/// algorithms §4.2: discount factor.
+/// Discount factor (algorithms §4.2).
 const GAMMA: f64 = 0.99;
-/// algorithms §4.2: passes over a batch.
+/// Passes over a batch (algorithms §4.2).
 const EPOCHS: u32 = 4;
-/// algorithms §4.2: PPO's clip.
+/// PPO's clip (algorithms §4.2).
 const CLIP: f64 = 0.2;
-/// algorithms §4.2: bound on the norm of the gradient.
+/// Largest norm of a gradient (algorithms §4.2).
 const MAX_GRAD_NORM: f64 = 10.0;
-/// algorithms §2.3, §4.2: environment copies, which are the episodes of a batch.
+/// Environment copies, each with one episode of a batch (algorithms §2.3, §4.2).
 const COPIES: u32 = 10;
-/// algorithms §8.2: episodes in a test.
+/// Episodes in a test (algorithms §8.2).
 const TEST_EPISODES: u32 = 100;
-/// One of the published periods (algorithms §9.3); which of them was best is not published, so we take the middle one.
+/// The middle one of the published periods (algorithms §9.3). Which was best is not published.
 const SWITCH_PERIOD: u64 = 100;
-/// Our choice: a lost process costs at most this many rounds, a few seconds of work. A round of Q-learning is one
-/// episode where PPO's are ten, and a tenth of the work.
+/// Our choice: a lost process costs at most this many rounds, a few seconds of work. A round of Q-learning has one
+/// episode, a round of PPO ten.
 fn save_interval(learner: Learner) -> u64 {
     match learner {
         Learner::Ppo => 100,
@@ -108,17 +108,17 @@ fn save_interval(learner: Learner) -> u64 {
 /// Our choice: 2,000 metric rows in 20 M environment steps.
 const LOG_INTERVAL: u64 = 10_000;
 
-/// algorithms §5.1: episodes that an agent remembers.
+/// Episodes that an agent stores (algorithms §5.1).
 const BUFFER: u32 = 5_000;
-/// algorithms §5.1: episodes in an update call.
+/// Episodes in an update call (algorithms §5.1).
 const BATCH: u32 = 32;
-/// algorithms §5.3: environment steps until little is left to chance. Not in the paper's tables: this is the value of
-/// the reference's configurations without parameter sharing.
+/// Environment steps until ε reaches its final value (algorithms §5.3). The paper does not give it; this is the value
+/// of the reference's configurations without parameter sharing.
 const EPSILON_ANNEAL: u64 = 50_000;
-/// algorithms §5.3: the reference's, `[OPEN]` in the paper.
+/// ε in tests (algorithms §5.3). The paper does not give it; this is the reference's value.
 const TEST_EPSILON: f64 = 0.0;
 
-/// What both kinds of learner have, in the default profile (algorithms §9.1, §9.2, §4.2).
+/// Settings of both kinds of learner, in the default profile (algorithms §4.2, §9.1, §9.2).
 pub fn algo_defaults(name: AlgoName, family: Family) -> Algo {
     let Row { hidden, network, target_update, .. } = family.row(name.learner());
     Algo {
@@ -137,7 +137,7 @@ pub fn algo_defaults(name: AlgoName, family: Family) -> Algo {
     }
 }
 
-/// PPO's own settings in the default profile (algorithms §9.1, §4.2).
+/// PPO's own settings in the default profile (algorithms §4.2, §9.1).
 pub fn ppo_defaults(family: Family) -> Ppo {
     let PpoRow { entropy_coef, n_step, .. } = family.ppo();
     Ppo {
@@ -150,7 +150,7 @@ pub fn ppo_defaults(family: Family) -> Ppo {
     }
 }
 
-/// Q-learning's own settings, equal in all families (algorithms §5, §9.2).
+/// Q-learning's own settings, the same in all families (algorithms §5, §9.2).
 pub fn q_defaults() -> QLearning {
     QLearning {
         buffer: BUFFER,
@@ -165,7 +165,7 @@ pub fn q_defaults() -> QLearning {
     }
 }
 
-/// Sets the keys in which the profiles differ (algorithms §11), and the profile's name.
+/// Sets the profile's name and the keys in which the profiles differ (algorithms §11).
 pub fn apply_profile(config: &mut Config, profile: Profile, family: Family) {
     config.algo.profile = profile;
     config.algo.reward_standardisation = standardisation(config.algo.name, profile, family);
@@ -174,8 +174,8 @@ pub fn apply_profile(config: &mut Config, profile: Profile, family: Family) {
     }
 }
 
-/// The reference goes on counting where an episode is over, and foraging teams unlearn by it. No default may do that,
-/// so the default departs from the reference here.
+/// The reference bootstraps after the end of an episode, and foraging teams unlearn by it. So the default differs from
+/// the reference here.
 pub fn end_of_batch(profile: Profile) -> EndOfBatch {
     match profile {
         Profile::Rondo => EndOfBatch::Correct,
@@ -192,9 +192,9 @@ fn standardisation(name: AlgoName, profile: Profile, family: Family) -> RewardSt
     }
 }
 
-/// The published grid of learning rates, ascending, an odd number of them (algorithms §9.3).
+/// The published grid of learning rates, ascending; their number is odd (algorithms §9.3).
 ///
-/// The smallest of Q-learning in foraging is printed as 3.7e-5, presumably 3.75e-5 rounded; we take the latter.
+/// The smallest rate of Q-learning in foraging is printed as 3.7e-5, presumably 3.75e-5 rounded; we take the latter.
 pub fn rate_grid(learner: Learner, family: Family) -> &'static [f64] {
     match (learner, family) {
         (Learner::Ppo, Family::Mpe | Family::Lbf) => &[1.25e-5, 2.5e-5, 5e-5, 1e-4, 2e-4, 4e-4, 8e-4],
@@ -206,17 +206,17 @@ pub fn rate_grid(learner: Learner, family: Family) -> &'static [f64] {
 
 /// The rates `(fast, slow)` to start from.
 ///
-/// Independent learning takes the centre of the published grid (algorithms §9.3), which is the benchmark's rate; sequential
-/// learning takes it for the one agent that learns. Which pairs were best for multi-timescale learning is not
-/// published. Our choice is twice the centre for the fast agent, and for the `n − 1` slow ones the rate that keeps the
-/// team's geometric mean at the centre `c`, so that a team of any size learns as fast as an independent one on average:
+/// Independent learning takes the centre `c` of the published grid, which is the benchmark's rate (algorithms §9.3).
+/// Sequential learning takes it for the one agent that learns. Which pairs were best for multi-timescale learning is
+/// not published. Our choice is `2c` for the fast agent, and for the `n − 1` slow ones the rate that keeps the
+/// geometric mean of the team at `c`, for a team of any size:
 ///
 /// ```text
 /// 2c · (c · 2^(−1/(n−1)))^(n−1) = c^n
 /// ```
 ///
-/// With a slow rate of `c/2` for every team size, the mean of ten agents would be `0.57 c`. A slow rate is on the
-/// grid in a team of two only.
+/// With a slow rate of `c/2` for every team size, the mean of ten agents would be `0.57 c`. The slow rate is on the
+/// grid for a team of two only.
 pub fn default_rates(name: AlgoName, family: Family, agents: u32) -> (f64, f64) {
     let grid = rate_grid(name.learner(), family);
     let centre = grid[grid.len() / 2];
@@ -228,8 +228,8 @@ pub fn default_rates(name: AlgoName, family: Family, agents: u32) -> (f64, f64) 
     }
 }
 
-/// The paper's pattern: agent 0 begins at the fast rate, all others at the slow one (algorithms §6.1). A team of one has
-/// one rate.
+/// The paper's pattern: agent 0 begins at the fast rate, all others at the slow one (algorithms §6.1). A team of one
+/// has one rate.
 pub fn default_schedule(name: AlgoName, family: Family, agents: u32) -> Schedule {
     let (fast, slow) = default_rates(name, family, agents);
     let rates = if agents > 1 { vec![fast, slow] } else { vec![fast] };
@@ -241,8 +241,8 @@ pub fn default_schedule(name: AlgoName, family: Family, agents: u32) -> Schedule
     }
 }
 
-/// Environment steps of a run (algorithms §8.1): off-policy learners get a tenth, which makes the number of update calls
-/// the same.
+/// Environment steps of a run (algorithms §8.1). Off-policy learners get a tenth, so that the number of update calls
+/// is the same.
 pub fn budget(learner: Learner, family: Family) -> u64 {
     let off_policy = match family {
         Family::Lbf | Family::Mpe => 2_000_000,
@@ -264,7 +264,7 @@ pub fn config(run: &str, task: &str, agents: u32, name: AlgoName, family: Family
     let learner = name.learner();
     let (ppo, q, copies) = match learner {
         Learner::Ppo => (Some(ppo_defaults(family)), None, COPIES),
-        // algorithms §2.3: one environment, one episode at a time.
+        // One environment, one episode at a time (algorithms §2.3).
         Learner::Q => (None, Some(q_defaults()), 1),
     };
     Config {
@@ -438,7 +438,7 @@ mod tests {
         assert_eq!(of(Learner::Ppo, Family::Rware), (40_000_000, 1_000_000));
         assert_eq!(of(Learner::Q, Family::Rware), (4_000_000, 100_000));
         assert_eq!(default_test(Learner::Q, Family::Mpe).episodes, 100);
-        // algorithms §12, check 7: 80,000 update calls in the particle worlds, whose episodes have 25 steps.
+        // 80,000 update calls in the particle worlds, whose episodes have 25 steps (algorithms §12, check 7).
         let calls = [Learner::Ppo, Learner::Q].map(|learner| {
             let copies = config(
                 "r",

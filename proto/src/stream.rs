@@ -1,23 +1,22 @@
-//! Random streams by name: every source of chance has an owner and a purpose, and follows from the seed alone.
+//! Random streams by name: each has an owner and a purpose, and is derived from the seed alone.
 //!
-//! Two streams with different names are independent for all practical purposes, so that adding a new consumer of
-//! randomness never shifts what the others draw. The state of a stream (its seed and word position) belongs into the
-//! checkpoint of the process that owns it.
+//! Streams with different names are independent for all practical purposes, so a new stream does not change what the
+//! others draw. Streams are short-lived, one for each round or update call, so that no checkpoint holds a state.
 
 use rand_chacha::rand_core::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// Keeps these keys apart from every other use of the hash; changing it changes every result.
+/// Separates these keys from every other use of the hash. A change of it changes every result.
 const CONTEXT: &str = "rondo 2026 random stream v1";
 
 /// The stream named by `owner`, `purpose` and `index` of the experiment with this `seed`.
 ///
-/// `owner` is the process (`agent-0`, `world`), `purpose` what is drawn (`actions`, `init`), `index` numbers streams
-/// of one kind, for instance environment copies.
+/// `owner` is who draws (`agent/0`, `world`, `team`), `purpose` what is drawn (`initial-weights`, `replay`), and
+/// `index` numbers streams of one kind, for instance by round and environment copy.
 ///
 /// The ChaCha8 key is BLAKE3 in its key derivation mode over: the seed, the length of `owner` and its UTF-8, the
 /// length of `purpose` and its UTF-8, the values of `index`; all numbers as little-endian u64. The lengths keep
-/// (`ab`, `c`) and (`a`, `bc`) apart.
+/// (`ab`, `c`) and (`a`, `bc`) different.
 pub fn stream(seed: u64, owner: &str, purpose: &str, index: &[u64]) -> ChaCha8Rng {
     let mut hasher = blake3::Hasher::new_derive_key(CONTEXT);
     hasher.update(&seed.to_le_bytes());

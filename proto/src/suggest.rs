@@ -1,10 +1,9 @@
-//! "Did you mean": the known name nearest to a misspelt one.
+//! "Did you mean …?": the known name nearest to a misspelt one.
 
-/// The known name nearest to `wrong`, if one is near enough to be what was meant.
+/// The known name nearest to `wrong`, if one is near enough.
 ///
-/// Near enough is: at most one edit (insertion, deletion, exchange, swap of neighbours) for every three letters,
-/// rounded up, and fewer edits than letters. Upper and lower case are the same here. Of equally near names the first
-/// one given wins.
+/// Near enough means: at most one edit (insertion, deletion, replacement, swap of neighbours) for every three letters,
+/// rounded up, and fewer edits than letters. Case is ignored. Of equally near names the first one given is returned.
 pub fn nearest<'a>(wrong: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let wrong = wrong.to_lowercase();
     let letters = wrong.chars().count();

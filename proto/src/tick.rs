@@ -1,8 +1,7 @@
 //! The two messages of every tick: what an agent sees, and what it does.
 //!
-//! They are the hot path. Content is packed little-endian arrays behind a fixed header, so that encoding is a copy;
-//! both directions work on reusable buffers and allocate nothing once these have grown. `docs/protocol.md` draws the
-//! layouts.
+//! They are the hot path: packed little-endian arrays behind a fixed header, so that encoding is a copy. Encoding and
+//! decoding reuse their buffers and allocate nothing once these have grown. `docs/protocol.md` shows the layouts.
 
 mod act;
 mod observe;
@@ -12,7 +11,7 @@ pub use observe::Observe;
 
 use std::fmt;
 
-/// What kind of round a tick belongs to, or that there will be no more rounds.
+/// The kind of round that a tick belongs to, or that the run ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Mode {
     /// Episodes to learn from; their steps are counted.
@@ -20,14 +19,14 @@ pub enum Mode {
     Train = 0,
     /// A test (algorithms §8.2): current parameters, separate environment copies, no learning, steps not counted.
     Test = 1,
-    /// The run has used its budget: save, say goodbye, leave.
+    /// The run has used its budget: save and leave.
     Finished = 2,
-    /// The run was asked to stop early: save, leave; it can be resumed.
+    /// The run stops early: save and leave; it can be resumed.
     Stopped = 3,
 }
 
 impl Mode {
-    /// Whether the message closes the run instead of carrying a tick of an environment.
+    /// Whether the message closes the run and carries no rows.
     pub fn closes_the_run(self) -> bool {
         matches!(self, Self::Finished | Self::Stopped)
     }
@@ -54,10 +53,10 @@ impl fmt::Display for Mode {
     }
 }
 
-/// Whether an episode goes on, and if not, why: learners treat the two ends differently (algorithms §3.4, §4.3).
+/// Whether an episode is running, and if not, why. Learners treat the two ends differently (algorithms §3.4, §4.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum End {
-    /// The episode goes on; the row wants an action.
+    /// The episode is running; the row needs an action.
     #[default]
     Running = 0,
     /// The task itself ended the episode.
@@ -77,12 +76,12 @@ impl End {
     }
 }
 
-/// The name of a tick: an [`Act`] answers the [`Observe`] that has the same one.
+/// Identifies a tick: an [`Act`] answers the [`Observe`] with the same id.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct TickId {
-    /// Goes up whenever the run starts again from a checkpoint; messages of other epochs are ignored.
+    /// Increases whenever the run starts again from a checkpoint. Messages of other epochs are ignored.
     pub epoch: u32,
-    /// Training rounds completed before; a test carries the number of the training round that follows it.
+    /// Training rounds completed. A test has the number of the training round that follows it.
     pub round: u64,
     pub mode: Mode,
     /// World steps made in this round so far.
@@ -107,17 +106,17 @@ fn u64_at(bytes: &[u8], at: usize) -> u64 {
     u64::from(u32_at(bytes, at)) | u64::from(u32_at(bytes, at + 4)) << 32
 }
 
-/// `value` as the u16 that the header has room for.
+/// `value` as the u16 of the header.
 fn narrow(value: usize) -> u16 {
     u16::try_from(value).expect("rows, observation sizes and actions are bounded when the run is configured")
 }
 
-/// The numbers in a section that has a whole number of them.
+/// The numbers of a section, whose length is a multiple of their size.
 fn u16s(section: &[u8]) -> impl ExactSizeIterator<Item = u16> + '_ {
     section.chunks_exact(2).map(|b| u16::from_le_bytes([b[0], b[1]]))
 }
 
-/// The numbers in a section that has a whole number of them.
+/// The numbers of a section, whose length is a multiple of their size.
 fn f32s(section: &[u8]) -> impl ExactSizeIterator<Item = f32> + '_ {
     section.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
 }

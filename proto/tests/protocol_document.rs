@@ -1,5 +1,5 @@
-//! `docs/protocol.md` and the code say the same: every test vector of the document is what the code sends and
-//! understands, every message has one, and every key is in its table.
+//! `docs/protocol.md` and the code agree: the code encodes and decodes every test vector of the document, every
+//! message has one, and every key is in its table.
 
 mod vectors;
 
@@ -39,7 +39,7 @@ fn refusals() -> [(&'static str, Refusal); 7] {
     ]
 }
 
-/// What each vector stands for, as the code encodes it; decoding back is checked on the way.
+/// The messages of the vectors as the code encodes them. Decoding them is checked too.
 fn examples() -> BTreeMap<&'static str, Vec<u8>> {
     let mut examples = BTreeMap::from([
         ("observe", observe_both_ways(&observe())),

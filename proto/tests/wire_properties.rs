@@ -1,5 +1,5 @@
-//! Whatever bytes arrive, decoding neither panics nor accepts half a message; ten thousand cases of each kind for
-//! each message, the same ones every time.
+//! Decoding arbitrary bytes neither panics nor accepts part of a message. Ten thousand cases of each kind for each
+//! message, the same in every run.
 
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -12,13 +12,13 @@ use std::fmt::Debug;
 
 const CASES: u32 = 10_000;
 
-/// One message type as these tests see it.
+/// One type of message.
 struct Kind {
     name: &'static str,
     tag: u8,
     /// Bytes of a valid message.
     valid: BoxedStrategy<Vec<u8>>,
-    /// Decodes; what is accepted must come back the same, and for tick messages byte by byte.
+    /// Decodes, and encodes what was accepted: the result must be equal, for tick messages byte by byte.
     accepts: fn(&[u8]) -> Result<bool, TestCaseError>,
 }
 
@@ -77,7 +77,7 @@ fn control_kind<M: Message + Debug + 'static>(message: impl Strategy<Value = M> 
     Kind { name: M::NAME, tag: M::TAG, valid: valid.boxed(), accepts: accepts_control::<M> }
 }
 
-/// Numbers may be written longer than needed, so the bytes can differ; the shortest form is a fixed point.
+/// An encoding may use longer numbers than needed, so the bytes can differ once; encoding again changes nothing.
 fn accepts_control<M: Message + Debug>(bytes: &[u8]) -> Result<bool, TestCaseError> {
     let Ok(message) = decode::<M>(bytes) else { return Ok(false) };
     let shortest = encode(&message).map_err(|error| TestCaseError::fail(error.to_string()))?;
@@ -122,7 +122,7 @@ fn random_content_behind_the_right_frame_is_survived() {
     }
 }
 
-/// Reaches the checks of values, which bytes of a random length never do.
+/// Reaches the checks of values; bytes of a random length never do.
 #[test]
 fn random_sections_of_the_right_length_are_survived() {
     let accepted = Cell::new(0);
@@ -221,7 +221,7 @@ prop_compose! {
             message.ends.fill(End::Running);
             message.rewards.fill(0.0);
         }
-        // A running row has a choice.
+        // A running row has an available action.
         for row in 0..message.rows() {
             message.avail[row * n_actions] = 1;
         }

@@ -243,7 +243,7 @@ fn an_agent_that_is_one_too_many_is_refused() {
     fs::copy(hosts.cluster.path("config.toml"), second.cluster.path("config.toml")).expect("copied");
     second.start_agent(1, &[]).wait().fails_with(
         78,
-        &["error: agent 1 was refused a seat: agent 1 is already here as another process; \
+        &["error: agent 1 was refused a seat: agent 1 has already joined as another process; \
              stop that one, or start this one with another id"],
     );
     agents.into_iter().chain(servers).for_each(|process| drop(process.succeeds()));

@@ -1,4 +1,4 @@
-//! One suite for every kind of bus, then what only the zenoh bus or only the one in memory promises.
+//! One suite for both buses, then tests of what only the zenoh bus or only the in-memory bus guarantees.
 
 mod memory;
 mod outsiders;
@@ -56,7 +56,7 @@ fn publications_arrive_whole_and_in_order(pair: &Pair) {
     let _guard = pair.server.subscribe("t/data", inbox).unwrap();
     pair.settle();
     let publisher = pair.client.publisher("t/data").unwrap();
-    // 0 to 20 KB; the content tells the messages apart even where lengths are equal.
+    // 0 to 20 KB; the content differs even where lengths are equal.
     let payload = |i: usize| (0..i * 7919 % 20_001).map(|j| (i + j) as u8).collect::<Vec<_>>();
     for i in 0..1_000 {
         publisher.send(&payload(i)).unwrap();
@@ -267,6 +267,6 @@ fn keys_are_checked(pair: &Pair) {
     let error = pair.client.publisher("t/*").err().unwrap();
     assert_eq!(
         error.to_string(),
-        "`t/*` is not a key such as `run/agent/0/act`: `*` is for those who receive"
+        "`t/*` is not a key such as `run/agent/0/act`: `*` is allowed in key expressions only"
     );
 }

@@ -1,10 +1,10 @@
-//! What only the bus in memory promises: faults on demand, the same ones again.
+//! What only the in-memory bus guarantees: seeded faults, the same in every run.
 
 use bus::{Event, MemoryHub};
 
 use crate::support::{a_token_of_two_sides_lives_as_long_as_either, alive, message, next};
 
-/// Publishes 0 to `n` and says what arrives.
+/// Publishes 0 to `n` and returns what arrives.
 fn received(hub: &MemoryHub, n: u8) -> Vec<u8> {
     let (server, client) = (hub.connect(), hub.connect());
     let (inbox, events) = bus::inbox();
@@ -32,7 +32,7 @@ fn without_faults_everything_arrives_before_send_returns() {
 fn certain_faults_do_what_they_say() {
     assert!(received(&MemoryHub::with_faults(1, 1.0, 0.0, 0.0), 5).is_empty());
     assert_eq!(received(&MemoryHub::with_faults(1, 0.0, 1.0, 0.0), 3), [0, 0, 1, 1, 2, 2]);
-    // Each is released by its successor, and the last waits for one that never comes.
+    // Each is delivered after its successor; the last one has none.
     assert_eq!(received(&MemoryHub::with_faults(1, 0.0, 0.0, 1.0), 4), [0, 1, 2]);
 }
 

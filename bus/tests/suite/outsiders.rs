@@ -1,5 +1,5 @@
-//! Sessions that are no peers. zenoh forwards between a client and everybody else, so a training session refuses
-//! clients and routers, whatever else they ask for.
+//! Sessions that are not peers. zenoh forwards between a client and all others, so a session of a run refuses clients
+//! and routers with any settings.
 
 use std::sync::{mpsc, Arc};
 use std::time::Duration;
@@ -17,10 +17,10 @@ const KEYS: [&str; 2] = ["rondo/r/world/0/observe", "rondo/r/agent/0/act"];
 /// What it publishes.
 const OUTSIDE: &[u8] = b"from an outsider";
 
-/// How an outsider may present itself: its mode, and whether it claims to be a gateway for everybody.
+/// Modes of an outsider, and whether it claims to be a gateway for all.
 const OUTSIDERS: [(&str, bool); 3] = [("client", false), ("router", false), ("router", true)];
 
-/// A session of nobody's, with nothing of this crate between it and zenoh.
+/// A plain zenoh session, opened without this crate.
 fn outsider(
     mode: &str,
     gateway: bool,
@@ -77,7 +77,7 @@ fn a_client_and_a_router_receive_nothing_and_what_they_publish_arrives_nowhere()
     let _at_agent = agent.subscribe(KEYS[0], inbox).unwrap();
     settle(&agent, &hub);
 
-    // A router opens alone and goes on dialling; a client that connects nowhere does not open at all.
+    // A router opens alone and continues to dial; a client that connects nowhere does not open at all.
     let outsiders: Vec<_> = OUTSIDERS
         .iter()
         .filter_map(|&(mode, gateway)| {

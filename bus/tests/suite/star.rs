@@ -1,4 +1,4 @@
-//! What only the zenoh bus promises: the star of peers, its endpoints and its errors.
+//! What only the zenoh bus guarantees: the star of peers, its endpoints and its errors.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -28,7 +28,7 @@ fn a_dialling_side_hears_the_listening_side_and_no_other_dialling_side() {
     assert_eq!(alive(next(&at_hub)), "t/left");
     left.publisher("t/data").unwrap().send(b"from left").unwrap();
     assert_eq!(message(next(&at_hub)).1, b"from left");
-    // Whatever the hub had forwarded would arrive before this.
+    // A message that the hub had forwarded would arrive before this one.
     hub.publisher("t/data").unwrap().send(b"from hub").unwrap();
     assert_eq!(message(next(&at_right)).1, b"from hub");
     assert_silent(&at_right);
@@ -46,7 +46,7 @@ fn what_is_sent_right_after_open_reaches_all_who_were_dialled() {
     let listen = || open(&Options { listen: vec!["tcp/127.0.0.1:0".into()], ..Options::default() });
     let hubs = [listen(), listen()];
     let (inbox, events) = bus::inbox();
-    // Many, so that telling them takes longer than opening.
+    // Many, so that sending the declarations takes longer than opening.
     let subscribe = |hub: &Arc<dyn Bus>| -> Vec<_> {
         let others = (0..300).map(|i| format!("t/other/{i}"));
         let keys = others.chain(["t/data".into()]);
@@ -180,7 +180,7 @@ fn an_endpoint_in_use_is_named_with_a_hint() {
         assert_eq!(error, Error::InUse { endpoint: endpoint.clone(), hint });
         assert_eq!(error.to_string(), format!("cannot listen on `{endpoint}`: it is in use; hint: {hint}"));
     }
-    // The first is unharmed, and what it leaves behind does not stop a successor.
+    // The first side still works, and the socket file that it leaves does not prevent a successor.
     for endpoint in &endpoints {
         let client = open(&Options { connect: vec![endpoint.clone()], ..Options::default() });
         settle(&client, &first);

@@ -10,7 +10,7 @@ use tempfile::TempDir;
 /// Far longer than anything takes on a busy machine; a test that waits this long has failed.
 pub const DEADLINE: Duration = Duration::from_secs(20);
 
-/// Two sides that can talk to each other.
+/// Two connected sides.
 pub struct Pair {
     /// The side that listens.
     pub server: Arc<dyn Bus>,
@@ -23,15 +23,15 @@ pub struct Pair {
 const SETTLING: &str = "settling";
 
 impl Pair {
-    /// Returns when each side knows all that the other has declared so far. Declarations and tokens
-    /// travel in order, so a token that was announced last is seen last.
+    /// Returns when each side has received all declarations of the other so far. Declarations and tokens travel in
+    /// order, so a token that was announced last is seen last.
     pub fn settle(&self) {
         settle(&self.server, &self.client);
         settle(&self.client, &self.server);
     }
 }
 
-/// Returns when `to` knows all that `from` has declared so far.
+/// Returns when `to` has received all declarations of `from` so far.
 pub fn settle(from: &Arc<dyn Bus>, to: &Arc<dyn Bus>) {
     let (inbox, events) = bus::inbox();
     let _watch = to.watch(SETTLING, inbox).unwrap();
@@ -137,7 +137,7 @@ pub fn next_query(events: &Events) -> Query {
     }
 }
 
-/// Nothing has arrived. To mean something, it follows an event that was sent later.
+/// Asserts that nothing has arrived. Only meaningful after an event that was sent later.
 pub fn assert_silent(events: &Events) {
     match events.try_recv() {
         Err(TryRecvError::Empty | TryRecvError::Disconnected) => (),

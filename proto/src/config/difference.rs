@@ -1,11 +1,11 @@
-//! What differs between two configurations, and whether a run may go on with the difference.
+//! The differences between two configurations, and whether a run may be resumed with them.
 
 use std::fmt;
 
 use super::Config;
 
-/// Keys that may change in a run that goes on: how long it is, when it saves and logs, how its processes talk.
-/// Everything else decides what is learned.
+/// Keys that may change when a run is resumed: its length, when it saves and logs, the transport. All others affect
+/// what is learned.
 pub const MAY_CHANGE: [&str; 4] = ["t_max", "save.interval", "log.interval", "bus.low_latency"];
 
 /// One key with two values, as in the TOML file.
@@ -13,9 +13,9 @@ pub const MAY_CHANGE: [&str; 4] = ["t_max", "save.interval", "log.interval", "bu
 pub struct Difference {
     /// With dots, for example `ppo.gamma`.
     pub key: String,
-    /// None where there is no such key.
+    /// `None` where the key is absent now.
     pub now: Option<String>,
-    /// None where there was no such key.
+    /// `None` where the key was absent.
     pub before: Option<String>,
 }
 
@@ -27,8 +27,8 @@ impl fmt::Display for Difference {
 }
 
 impl Config {
-    /// The first key that differs from `before` and that a run which goes on must not change: any key except
-    /// [`MAY_CHANGE`]; `t_max` may not become smaller.
+    /// The first key that differs from `before` although a resumed run must not change it: any key except
+    /// [`MAY_CHANGE`]. `t_max` must not become smaller.
     pub fn first_difference(&self, before: &Self) -> Option<Difference> {
         let shorter = self.t_max < before.t_max;
         self.differences(before).into_iter().find(|difference| {
@@ -36,7 +36,7 @@ impl Config {
         })
     }
 
-    /// Every key whose value is another one, in alphabetical order.
+    /// Every key whose value differs, in alphabetical order.
     pub fn differences(&self, before: &Self) -> Vec<Difference> {
         let (now, before) = (flat(self), flat(before));
         let keys = now.keys().chain(before.keys().filter(|key| !now.contains_key(*key)));

@@ -1,4 +1,4 @@
-//! The largest numbers that a configuration may hold, each with its reason.
+//! Upper limits for the numbers of a configuration, each with its reason.
 
 /// Agent indices fit a u16.
 pub const MAX_AGENTS: u32 = 65_535;
@@ -6,13 +6,13 @@ pub const MAX_AGENTS: u32 = 65_535;
 /// The schedule message has a byte for the level of each agent.
 pub const MAX_LEVELS: usize = 256;
 
-/// Rows of a tick are counted in a u16, and a checkpoint holds a random stream for each copy.
+/// Far beyond the published 10 (algorithms §4.2). A tick numbers its copies in a u16.
 pub const MAX_COPIES: u32 = 10_000;
 
-/// A test may run all its episodes in one round, so the bound on rows holds here too.
+/// A test plays all its episodes side by side, so the limit of [`MAX_COPIES`] holds here too.
 pub const MAX_TEST_EPISODES: u32 = 10_000;
 
-/// Far beyond the published widths (algorithms §9.1); keeps a slip of the finger from claiming all memory.
+/// Far beyond the published widths (algorithms §9.1). Prevents a typo from using all memory.
 pub const MAX_HIDDEN: u32 = 4_096;
 
 /// Far beyond the published 4 (algorithms §4.2).

@@ -8,16 +8,16 @@ use thiserror::Error;
 use toml::de::{DeTable, DeValue};
 use toml::Table;
 
-/// Why there is no usable configuration; the texts are meant for the person who wrote the file.
+/// Why a configuration cannot be used. The texts are for the person who wrote the file.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum ConfigError {
     /// Not TOML, a missing key or a value of the wrong kind; with line, column and excerpt.
     #[error("the configuration cannot be read: {0}")]
     Toml(String),
-    /// Keys that do not exist, one entry each.
+    /// Unknown keys, one entry each.
     #[error("{}", numbered(.0, "unknown key"))]
     UnknownKeys(Vec<String>),
-    /// Values that cannot work, one entry each.
+    /// Invalid values, one entry each.
     #[error("{}", numbered(.0, "mistake"))]
     Invalid(Vec<String>),
 }
@@ -33,7 +33,7 @@ fn numbered(entries: &[String], what: &str) -> String {
 }
 
 impl Config {
-    /// The configuration in a TOML file that has every key. Values are not judged: see [`Config::validate`].
+    /// Reads a TOML file that has every key. Values are not checked: see [`Config::validate`].
     ///
     /// # Errors
     /// [`ConfigError::UnknownKeys`] with the nearest known key of each, else [`ConfigError::Toml`].
@@ -54,13 +54,13 @@ impl Config {
             .expect("plain numbers, strings, lists and tables below plain values are always TOML")
     }
 
-    /// BLAKE3 of [`Config::to_toml`]: what processes of one run compare when they meet.
+    /// BLAKE3 of [`Config::to_toml`]. The processes of a run compare it when an agent joins.
     pub fn digest(&self) -> [u8; 32] {
         *blake3::hash(self.to_toml().as_bytes()).as_bytes()
     }
 }
 
-/// One entry for each key that no [`Config`] has, in the order of the file.
+/// One entry for each unknown key, in the order of the file.
 fn unknown_keys(document: &DeTable<'_>, text: &str) -> Vec<String> {
     let known = known_keys();
     let mut unknown = Vec::new();
@@ -85,7 +85,7 @@ fn unknown_keys(document: &DeTable<'_>, text: &str) -> Vec<String> {
         .collect()
 }
 
-/// What was probably meant: a key of the same section, else a key or section of that name anywhere.
+/// The nearest known key of the same section, else a key or section of that name anywhere.
 fn hint(known: &Table, section: &str, name: &str) -> String {
     let of = |section: &str| match known.get(section) {
         Some(toml::Value::Table(table)) => table.keys().map(String::as_str).collect::<Vec<_>>(),
@@ -113,8 +113,8 @@ fn dotted(section: &str, key: &str) -> String {
     }
 }
 
-/// Every key there is, read off a configuration with the sections of all learners, so that the list cannot fall
-/// behind the structs.
+/// All keys. They are read from a configuration with the sections of all learners, so the list always matches the
+/// structs.
 fn known_keys() -> Table {
     let ppo = presets::config("example", "example", 2, AlgoName::Ippo, Family::Lbf);
     let example = Config { q: Some(presets::q_defaults()), ..ppo };

@@ -1,4 +1,4 @@
-//! How long a period of the schedule lasts: a number, or for ever.
+//! The length of a period of the schedule: a number, or infinite.
 
 use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -8,13 +8,13 @@ use std::str::FromStr;
 /// The switching period `s` of algorithms §6.2. In files a whole number or `"inf"`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Period {
-    /// The pattern moves on by one agent after this many steps, counted in [`super::SwitchUnit`].
+    /// The pattern moves on by one agent after this many steps; [`super::SwitchUnit`] is their unit.
     Every(u64),
     /// The pattern never moves: fixed two-timescale learning.
     Infinite,
 }
 
-/// Text that is no period.
+/// The text is not a period.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("period `{0}`: expected a whole number from 1, or `inf`")]
 pub struct PeriodError(String);
@@ -71,7 +71,7 @@ impl<'de> Deserialize<'de> for Period {
                 u64::try_from(steps).map(Period::Every).map_err(|_| E::invalid_value(unexpected, &self))
             }
 
-            /// TOML has an infinity of its own; who writes it without quotes means the same.
+            /// TOML's own `inf`, without quotes, means the same.
             fn visit_f64<E: Error>(self, steps: f64) -> Result<Period, E> {
                 if steps == f64::INFINITY {
                     return Ok(Period::Infinite);

@@ -1,4 +1,4 @@
-//! What the types of a configuration cannot say, judged all at once.
+//! Checks of a configuration that its types cannot express; all mistakes are reported together.
 
 use super::limits::{
     MAX_AGENTS, MAX_BUFFER, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_LEVELS, MAX_OPPONENT, MAX_TASK_NAME,
@@ -12,7 +12,7 @@ use crate::keys::check_run_name;
 use std::fmt::Display;
 
 impl Config {
-    /// Whether a run can be made of this configuration.
+    /// Checks that a run can use this configuration.
     ///
     /// # Errors
     /// [`ConfigError::Invalid`] with every mistake, not only the first.
@@ -34,7 +34,7 @@ impl Config {
         mistakes.into_result()
     }
 
-    /// Rates change between update calls. A period that ended within one would give some agents more turns than others.
+    /// Rates change between update calls. A period that ends inside one would give some agents more turns than others.
     fn judge_period(&self, mistakes: &mut Mistakes) {
         let (Some(ppo), Period::Every(steps)) = (&self.ppo, self.schedule.switch_period) else { return };
         let epochs = u64::from(ppo.epochs);
@@ -48,7 +48,7 @@ impl Config {
         }
     }
 
-    /// The section of the algorithm's learner has to be there, and no other: its keys would be ignored.
+    /// Exactly the section of the algorithm's learner must be present: keys of another one would be ignored.
     fn judge_learner(&self, mistakes: &mut Mistakes) {
         let name = self.algo.name;
         let (expected, other) = match name.learner() {

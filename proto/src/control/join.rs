@@ -1,23 +1,23 @@
-//! Joining: an agent asks for its seat, the env-server grants or refuses it.
+//! Joining: an agent requests its seat, and the env-server grants or refuses it.
 
 use crate::codec::Message;
 use crate::config::limits;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-/// An agent asks for its seat in the run; which seat is in the key.
+/// An agent's request for its seat in the run. The key names the seat.
 ///
 /// - key: query on `agent/{i}/join`
 /// - from agent i to the env-server, which replies with [`Welcome`]
-/// - if lost: asked again; the same `nonce` gets the same seat again
+/// - if lost: sent again; the same `nonce` gets the same seat again
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Join {
     /// [`crate::config::Config::digest`] of the configuration this agent runs with.
     pub config_digest: [u8; 32],
-    /// Drawn anew by each process: tells asking again from a second process with the same id.
+    /// Random per process. Separates a retry from a second process with this id.
     pub nonce: u64,
     /// Rounds that this agent can start from, ascending: those of its valid checkpoints, and 0 if it had a seat in
-    /// this run before. Empty for an agent whose folder is new.
+    /// this run before. Empty if the agent's folder is new.
     pub checkpoints: Vec<u64>,
 }
 
@@ -38,10 +38,10 @@ impl Message for Join {
 ///
 /// - key: reply to the query on `agent/{i}/join`
 /// - from the env-server to agent i
-/// - if lost: the agent asks again
+/// - if lost: the agent sends its request again
 ///
-/// The env-server may take its time: it can hold the query until all agents are there, because only then is the
-/// round known from which everyone can start.
+/// The env-server holds the query until all agents have joined. Only then is the round known from which all of them
+/// can start.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Welcome {
     Seat(Seat),
@@ -61,7 +61,7 @@ impl Message for Welcome {
     }
 }
 
-/// What an agent needs to know about the run before its first tick.
+/// What an agent needs before its first tick.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Seat {
     /// Messages of other epochs are ignored.
@@ -74,7 +74,7 @@ pub struct Seat {
     pub agents: u32,
     /// Numbers in an observation.
     pub obs_size: u32,
-    /// Actions that exist.
+    /// Number of actions.
     pub n_actions: u32,
     /// Environment copies, which are the episodes of a training round.
     pub copies: u32,
@@ -104,11 +104,11 @@ impl Seat {
     }
 }
 
-/// Why an agent gets no seat. Its text speaks to the person who started that agent; `ours` is the env-server's side,
+/// Why an agent gets no seat. The text is for the person who started that agent. `ours` is the env-server's value,
 /// `theirs` the agent's.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// The agent speaks another wire version.
+    /// The agent has another wire version.
     Version { ours: u8, theirs: u8 },
     /// The agent runs with another configuration.
     Config { ours: [u8; 32], theirs: [u8; 32] },
@@ -116,12 +116,11 @@ pub enum Refusal {
     IdTaken { id: u32 },
     /// There is no such seat.
     IdOutOfRange { id: u32, agents: u32 },
-    /// The request could not be understood; make it with [`Refusal::malformed`].
+    /// The request could not be decoded. Made by [`Refusal::malformed`].
     Malformed(String),
     /// The run is ending.
     Closing,
-    /// No round is held by every process, and going back to the beginning would throw work away; make it with
-    /// [`Refusal::no_common_round`].
+    /// No round is held by every process, and starting at 0 would discard work. Made by [`Refusal::no_common_round`].
     NoCommonRound(String),
 }
 
@@ -129,18 +128,18 @@ impl Refusal {
     /// Longest text in a refusal, in bytes.
     const MAX_REASON: usize = 512;
 
-    /// The request could not be understood, for this reason; cut off where it would not fit the message.
+    /// The request could not be decoded, for this reason, which is cut to the size of the message.
     pub fn malformed(reason: impl fmt::Display) -> Self {
         Self::Malformed(cut(reason.to_string(), Self::MAX_REASON))
     }
 
-    /// Who holds which rounds; cut off where it would not fit the message.
+    /// Which process holds which rounds, cut to the size of the message.
     pub fn no_common_round(who_holds_what: &str) -> Self {
         Self::NoCommonRound(cut(who_holds_what.to_owned(), Self::MAX_REASON))
     }
 }
 
-/// The first `most` bytes of a text, or a few less where a character would be cut in two.
+/// At most the first `most` bytes of a text, without half a character at the end.
 fn cut(mut text: String, most: usize) -> String {
     let mut end = text.len().min(most);
     while !text.is_char_boundary(end) {
@@ -155,7 +154,7 @@ impl fmt::Display for Refusal {
         match self {
             Self::Version { ours, theirs } => write!(
                 f,
-                "this agent speaks wire version {theirs}, the env-server {ours}; \
+                "this agent has wire version {theirs}, the env-server {ours}; \
                  install the same version of rondo on every host"
             ),
             Self::Config { ours, theirs } => write!(
@@ -167,17 +166,17 @@ impl fmt::Display for Refusal {
             ),
             Self::IdTaken { id } => write!(
                 f,
-                "agent {id} is already here as another process; stop that one, or start this one with another id"
+                "agent {id} has already joined as another process; stop that one, or start this one with another id"
             ),
             Self::IdOutOfRange { id, agents } => {
                 write!(f, "there is no agent {id} in a team of {agents}; ids go from 0 to {}", agents.saturating_sub(1))
             }
             Self::Malformed(reason) => write!(
                 f,
-                "the env-server did not understand the request to join: {reason}; \
+                "the env-server cannot decode the request to join: {reason}; \
                  install the same version of rondo on every host"
             ),
-            Self::Closing => f.write_str("the run is ending and takes nobody in; resume it to go on"),
+            Self::Closing => f.write_str("the run is ending and accepts no more agents; resume it to continue"),
             Self::NoCommonRound(who_holds_what) => write!(
                 f,
                 "no checkpoint is held by every process ({who_holds_what}), so the run does not start\nhint: does \
@@ -190,7 +189,7 @@ impl fmt::Display for Refusal {
 
 impl std::error::Error for Refusal {}
 
-/// Enough of a digest to tell two of them apart by eye.
+/// The beginning of a digest, enough to see that two differ.
 fn short_hex(digest: &[u8; 32]) -> String {
     digest[..6].iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -281,7 +280,7 @@ mod tests {
             [
                 "this agent's configuration has the digest 010101010101…, the env-server's abababababab…; \
                  start both with the same config.toml",
-                "agent 2 is already here as another process; stop that one, or start this one with another id",
+                "agent 2 has already joined as another process; stop that one, or start this one with another id",
                 "there is no agent 3 in a team of 3; ids go from 0 to 2",
             ]
         );

@@ -1,28 +1,28 @@
-//! The schedule of learning rates as the coordinator tells it, and how it learns where the agents are.
+//! The schedule of learning rates that the coordinator publishes, and the progress that agents report to it.
 
 use crate::codec::Message;
 use crate::config::limits::{MAX_AGENTS, MAX_LEVELS};
 use serde::{Deserialize, Serialize};
 
-/// Who learns at which rate in the update calls from `from` up to, not including, `until`.
+/// Which agent learns at which rate in the update calls from `from` up to, not including, `until`.
 ///
 /// - key: `schedule`, as a publication and as the reply to [`RatesQuery`]
 /// - from the coordinator to every agent
-/// - if lost: the agent asks for it; no agent makes an update call that no schedule covers
+/// - if lost: the agent queries it; no agent makes an update call that no schedule covers
 ///
-/// This is all that agents receive about each other, so it is kept small: a number for each level and a byte for each
-/// agent, at most 64 bytes for 25 agents with two levels ([`Rates::longest`]).
+/// This is all that agents receive about each other. It is small: a number for each level and a byte for each agent,
+/// at most 64 bytes for 25 agents with two levels ([`Rates::longest`]).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Rates {
     /// First update call that this covers, counted from zero.
     pub from: u64,
-    /// First update call that this no longer covers; [`Rates::FOR_EVER`] if it never changes again.
+    /// First update call that this does not cover; [`Rates::FOR_EVER`] if the rates never change again.
     pub until: u64,
-    /// The agent at the head of the pattern of levels, `fast(u)` in algorithms §6.2; its rate may be the smaller one.
+    /// The agent at the head of the pattern of levels, `fast(u)` in algorithms §6.2. Its rate may be the smaller one.
     pub fast_agent: u32,
     /// The learning rate of each level.
     pub rates: Vec<f64>,
-    /// The level of each agent now, by agent.
+    /// The present level of each agent, by agent.
     pub levels: Vec<u8>,
 }
 
@@ -36,12 +36,12 @@ impl Rates {
         self.rates.get(usize::from(*level)).copied()
     }
 
-    /// Whether this says what happens in an update call.
+    /// Whether this gives the rates of an update call.
     pub fn covers(&self, update_call: u64) -> bool {
         (self.from..self.until).contains(&update_call)
     }
 
-    /// Bytes of the longest message for a team of this size with this many levels, whatever the update call.
+    /// Bytes of the longest message for a team of this size with this many levels.
     pub const fn longest(agents: usize, levels: usize) -> usize {
         let frame = 2;
         let from_and_until = 2 * varint_bytes(u64::MAX);
@@ -52,7 +52,7 @@ impl Rates {
     }
 }
 
-/// Bytes that the encoding spends on an unsigned number.
+/// Bytes of an unsigned number in the encoding.
 const fn varint_bytes(value: u64) -> usize {
     match value {
         0..=250 => 1,
@@ -88,14 +88,14 @@ impl Message for Rates {
     }
 }
 
-/// An agent asks for the schedule of an update call.
+/// An agent's query for the schedule of an update call.
 ///
 /// - key: query on `schedule`
 /// - from an agent to the coordinator, which replies with the [`Rates`] that cover it
-/// - if lost: asked again
+/// - if lost: sent again
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RatesQuery {
-    /// Update calls completed before the one in question.
+    /// Number of the update call: update calls completed before it.
     pub update_call: u64,
 }
 
@@ -105,11 +105,11 @@ impl Message for RatesQuery {
     const MAX_BYTES: usize = 11;
 }
 
-/// An agent says how far it is, so that the coordinator can publish ahead.
+/// An agent reports its update calls, so that the coordinator can publish ahead.
 ///
 /// - key: `agent/{i}/progress`
 /// - from agent i to the coordinator, after every update call
-/// - if lost: the next one says more; at worst the agent asks for its rates
+/// - if lost: the next one replaces it; at worst the agent queries its rates
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Progress {
     /// Update calls that this agent has completed.

@@ -5,22 +5,22 @@ use crate::codec::{check_frame, WireError, WIRE_VERSION};
 
 const HEADER_BYTES: usize = 24;
 
-/// One agent's actions for one tick, and the word that it has this tick.
+/// One agent's actions for one tick; also the confirmation that it received this tick.
 ///
 /// - key: `agent/{i}/act`
 /// - from agent i to the env-server
 /// - if lost: the env-server sends the tick again after a deadline, and the agent repeats its answer
 ///
-/// Every tick is answered, also one in which no episode goes on and one that closes the run; then there are no
-/// actions, and the answer says that the tick arrived. The answer to tick 0 of a round says in addition that the
-/// update calls before it are complete.
+/// Every tick is answered, also one without a running episode and one that closes the run. Then there are no actions,
+/// and the answer confirms that the tick arrived. The answer to tick 0 of a round also confirms that the update calls
+/// before it are complete.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Act {
     pub mode: Mode,
     pub epoch: u32,
     pub round: u64,
     pub tick: u32,
-    /// One action for every row of the tick that is still running, in the order of the rows.
+    /// One action for every running row of the tick, in the order of the rows.
     pub actions: Vec<u16>,
 }
 
@@ -40,10 +40,10 @@ impl Act {
         TickId { epoch: self.epoch, round: self.round, mode: self.mode, tick: self.tick }
     }
 
-    /// Replaces the content of `out` by the message.
+    /// Encodes the message into `out`, whose content is replaced.
     ///
     /// # Panics
-    /// If there are more than 65,535 actions, which the configuration excludes.
+    /// If there are more than 65,535 actions. The configuration excludes that.
     pub fn encode(&self, out: &mut Vec<u8>) {
         out.clear();
         out.resize(Self::encoded_len(self.actions.len()), 0);
@@ -57,7 +57,7 @@ impl Act {
         put_u16s(&mut out[HEADER_BYTES..], &self.actions);
     }
 
-    /// Replaces `self` by the message. Whether an action exists and is available only the env-server can know.
+    /// Replaces `self` by the message. Whether an action exists and is available is checked by the env-server.
     ///
     /// # Errors
     /// [`WireError`] if this is not a well-formed message; `self` is unchanged then.

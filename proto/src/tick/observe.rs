@@ -5,11 +5,11 @@ use crate::codec::{check_frame, WireError, WIRE_VERSION};
 
 const HEADER_BYTES: usize = 40;
 
-/// What one agent sees in one tick, and what the world step just made has earned the team.
+/// What one agent sees in one tick, and the reward of the world step just made: the team's or the agent's own.
 ///
 /// - key: `world/{i}/observe`
-/// - from the env-server to agent i, and to nobody else
-/// - if lost: sent again after a deadline; an agent answers a tick that it has answered before with the same answer
+/// - from the env-server to agent i only
+/// - if lost: sent again after a deadline; an agent repeats its answer to a tick that it has already answered
 ///
 /// The rows are the environment copies that were running before this tick's world step, all of them at tick 0.
 /// A copy whose episode ended with this step has its last row here, with the final observation. A message whose mode
@@ -17,10 +17,10 @@ const HEADER_BYTES: usize = 40;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Observe {
     pub mode: Mode,
-    /// Goes up whenever the run starts again from a checkpoint.
+    /// Increases whenever the run starts again from a checkpoint.
     pub epoch: u32,
-    /// Training rounds completed before; with PPO that is the number `u` of this round's update call (algorithms §6.2),
-    /// Q-learning counts these apart. A test carries the number of the training round that follows it.
+    /// Training rounds completed. With PPO this is also the number `u` of the round's update call (algorithms §6.2);
+    /// Q-learning counts update calls separately. A test has the number of the training round that follows it.
     pub round: u64,
     /// World steps made in this round so far.
     pub tick: u32,
@@ -28,14 +28,14 @@ pub struct Observe {
     pub t_env: u64,
     /// Numbers in one observation.
     pub obs_size: usize,
-    /// Actions that exist, available or not.
+    /// Number of actions, available or not.
     pub n_actions: usize,
     /// Which environment copy each row belongs to; strictly increasing.
     pub copies: Vec<u16>,
-    /// Whether each row's episode goes on; at tick 0 all do.
+    /// Whether each row's episode is running; at tick 0 all are.
     pub ends: Vec<End>,
-    /// The reward for the step just made, by row: the team's, or the agent's own where the configuration says so;
-    /// zero at tick 0.
+    /// The reward of the step just made, by row: the team's, or the agent's own with `world.reward = individual`. Zero
+    /// at tick 0.
     pub rewards: Vec<f32>,
     /// Observations, row-major: rows × `obs_size`.
     pub obs: Vec<f32>,
@@ -54,7 +54,7 @@ impl Observe {
         HEADER_BYTES + (3 * rows).next_multiple_of(4) + 4 * rows + 4 * rows * obs_size + rows * n_actions
     }
 
-    /// The name of this tick.
+    /// The id of this tick.
     pub fn id(&self) -> TickId {
         TickId { epoch: self.epoch, round: self.round, mode: self.mode, tick: self.tick }
     }
@@ -74,16 +74,16 @@ impl Observe {
         &self.avail[row * self.n_actions..][..self.n_actions]
     }
 
-    /// The rows that want an action, in the order in which [`super::Act`] gives them.
+    /// The rows that need an action, in the order of [`super::Act::actions`].
     pub fn running(&self) -> impl Iterator<Item = usize> + '_ {
         self.ends.iter().enumerate().filter(|(_, &end)| end == End::Running).map(|(row, _)| row)
     }
 
-    /// Replaces the content of `out` by the message.
+    /// Encodes the message into `out`, whose content is replaced.
     ///
     /// # Panics
-    /// If the arrays disagree about the number of rows, or there are more than 65,535 rows, numbers in an
-    /// observation or actions. Values are not looked at; what [`Observe::decode`] refuses, the receiver refuses.
+    /// If the arrays have different numbers of rows, or there are more than 65,535 rows, numbers in an observation or
+    /// actions. Values are not checked: the receiver rejects what [`Observe::decode`] rejects.
     pub fn encode(&self, out: &mut Vec<u8>) {
         let rows = self.rows();
         assert_eq!(
@@ -149,7 +149,7 @@ impl Observe {
     }
 }
 
-/// Zero bytes that bring copies and ends to a multiple of four.
+/// Zero bytes that fill copies and ends up to a multiple of four.
 const fn padding(rows: usize) -> usize {
     (3 * rows).next_multiple_of(4) - 3 * rows
 }
@@ -184,7 +184,7 @@ impl<'a> Sections<'a> {
         Ok(Self { rows, obs_size, n_actions, copies, ends, padding, rewards, obs, avail })
     }
 
-    /// Everything that a well-formed message must not say.
+    /// Checks the values of a message of the right length.
     fn check(&self, bytes: &[u8]) -> Result<Mode, String> {
         let mode = Mode::from_wire(bytes[2])?;
         if bytes[3] != 0 || bytes[26..32].iter().any(|&b| b != 0) {
@@ -214,7 +214,7 @@ impl<'a> Sections<'a> {
         Ok(mode)
     }
 
-    /// Before the first step nothing has been earned and nothing has ended.
+    /// At tick 0 there is no reward and no end.
     fn check_start(&self, tick: u32) -> Result<(), String> {
         let moved = self.ends.iter().any(|&code| code != End::Running as u8)
             || f32s(self.rewards).any(|reward| reward != 0.0);
@@ -224,7 +224,7 @@ impl<'a> Sections<'a> {
         Ok(())
     }
 
-    /// An agent must be able to act wherever an action is asked of it.
+    /// Every running row needs an available action.
     fn check_choices(&self) -> Result<(), String> {
         for (row, &end) in self.ends.iter().enumerate() {
             let available = &self.avail[row * self.n_actions..][..self.n_actions];
@@ -236,7 +236,7 @@ impl<'a> Sections<'a> {
     }
 }
 
-/// A fold without an early exit, because the compiler turns that into vector instructions.
+/// A fold without an early exit: the compiler turns it into vector instructions.
 fn all_finite(section: &[u8]) -> bool {
     f32s(section).fold(true, |fine, x| fine & x.is_finite())
 }

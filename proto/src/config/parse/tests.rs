@@ -10,7 +10,7 @@ fn example() -> Config {
     presets::config("lbf-s1", "lbf-8x8-2p-2f-coop", 2, AlgoName::Mtppo, Family::Lbf)
 }
 
-/// The example's file with one piece of text exchanged, which must be there.
+/// The example's file with `old` replaced; it must occur.
 fn with(old: &str, new: &str) -> String {
     let text = example().to_toml();
     assert!(text.contains(old), "the example has no `{old}`");
@@ -140,7 +140,7 @@ fn the_digest_changes_with_every_key() {
     ];
     let mut digests: Vec<_> = changes
         .map(|change| {
-            // Both learners' sections, though no run has both: each of their keys counts.
+            // With the sections of both learners, which no run has: all keys are counted.
             let mut config = Config { q: Some(presets::q_defaults()), ..example() };
             change(&mut config);
             config.digest()
@@ -149,7 +149,7 @@ fn the_digest_changes_with_every_key() {
     digests.sort_unstable();
     digests.dedup();
     assert_eq!(digests.len(), changes.len());
-    // Every key once, one of them twice, and the unchanged example: who adds a key adds its change above.
+    // Every key once, one of them twice, and the unchanged example. A new key needs a change above.
     let keys: usize = known_keys().values().map(|value| value.as_table().map_or(1, Table::len)).sum();
     assert_eq!(changes.len(), keys + 2);
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Three rows, so that one and a half words of copies and ends need three bytes of padding.
+/// Three rows: copies and ends have nine bytes and need three bytes of padding.
 fn example() -> Observe {
     Observe {
         mode: Mode::Train,
