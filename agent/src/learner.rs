@@ -286,7 +286,8 @@ impl Learner {
         self.rollout.episodes().iter().map(|episode| episode.len() as u64).sum()
     }
 
-    /// Into how many lessons the recorded round falls: one for PPO, one for each episode in Q-learning (algorithms §5.1).
+    /// Into how many lessons the recorded round falls: one for PPO, one for each episode in Q-learning (algorithms
+    /// §5.1).
     pub fn lessons(&self) -> usize {
         match &self.method {
             Method::Ppo { .. } => 1,

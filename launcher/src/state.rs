@@ -87,8 +87,8 @@ struct WorldResult {
     test_return_mean: Option<f64>,
 }
 
-/// One line about a run that has used its budget and whose env-server and agents have all saved the last round; none if there is
-/// something left to do.
+/// One line about a run that has used its budget and whose env-server and agents have all saved the last round; none if
+/// there is something left to do.
 ///
 /// # Errors
 /// If the folder cannot be read.

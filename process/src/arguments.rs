@@ -1,4 +1,4 @@
-//! The arguments that every role takes, and what follows from them: configuration, run folder, bus.
+//! The arguments of every role, and what they open: configuration, run folder, bus.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -34,10 +34,10 @@ pub struct Common {
 }
 
 impl Common {
-    /// Opens everything, in the order in which mistakes should be reported: configuration, folder, bus.
+    /// Opens configuration, folder and bus, in this order, which is that in which mistakes are reported.
     ///
     /// # Errors
-    /// Whatever is wrong with one of them.
+    /// The first of them that cannot be opened.
     pub fn open(&self, role: &str, listen: Vec<String>, connect: Vec<String>) -> Result<Role, Failure> {
         if self.with_launcher {
             watch::follow_launcher(role == "world");
@@ -68,7 +68,7 @@ impl Common {
         }
         let role = Role::new(bus, config, folder, wait)?;
         if self.with_launcher {
-            // Fails only where one process opens two roles, and the launcher starts one in each.
+            // Fails only if one process opens two roles; the launcher starts one process for each.
             let _ = watch::INBOX.set(role.inbox.clone());
         }
         watch::stop_on_signals(role.inbox.clone())?;

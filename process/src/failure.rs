@@ -1,11 +1,11 @@
-//! How a process ends: one message for the person who must act, one exit code for the supervisor.
+//! The end of a process: one message for the person who must act, one exit code for the supervisor.
 
 use std::fmt;
 use std::process::ExitCode;
 
 use proto::exit;
 
-/// An error on its way out of a process: what to tell, and which of [`proto::exit`]'s codes to end with.
+/// An error that ends a process: its message, and one of the codes of [`proto::exit`].
 #[derive(Debug)]
 pub struct Failure {
     /// Exit code.
@@ -73,15 +73,15 @@ pub fn report(failure: &Failure) -> ExitCode {
 /// [`exit::USAGE`].
 pub fn parse_arguments<T: clap::Parser>() -> Result<T, ExitCode> {
     T::try_parse().map_err(|error| {
-        // A closed stdout or stderr leaves nobody to tell.
+        // If stdout or stderr is closed, nothing can be reported.
         let _ = error.print();
         ExitCode::from(if error.use_stderr() { exit::USAGE } else { exit::DONE })
     })
 }
 
-/// A panic anywhere is a bug: say so and end the process with [`exit::BUG`], so that no thread waits for
-/// one that is gone. The exception is `println!` to a reader that has left, as in `rondo tasks | head`:
-/// what it wanted to read it has read.
+/// A panic in any thread is a bug: this reports it and ends the process with [`exit::BUG`], so that no thread waits
+/// for one that is gone. The exception is `println!` to a closed pipe, as in `rondo tasks | head`: the reader has all
+/// that it wanted.
 pub fn exit_on_panic() {
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
@@ -91,7 +91,7 @@ pub fn exit_on_panic() {
         }
         tell(panic);
         eprintln!(
-            "error: this is a bug in rondo; the last checkpoint is intact, `rondo resume` goes on from it"
+            "error: this is a bug in rondo; the last checkpoint is intact, `rondo resume` continues from it"
         );
         std::process::exit(exit::BUG.into());
     }));

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-/// How many messages a role has ignored. A peer can send anything and any amount of it, so only the 1st,
-/// 2nd, 4th, 8th … is told.
+/// Number of messages that a role has ignored. A peer can send any number of bad messages, so only the 1st, 2nd, 4th,
+/// 8th, … is logged.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Ignored {
     count: u64,
@@ -18,7 +18,7 @@ impl Ignored {
         }
     }
 
-    /// How many there were.
+    /// Messages ignored so far.
     pub fn count(self) -> u64 {
         self.count
     }

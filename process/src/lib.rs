@@ -1,5 +1,5 @@
-//! What the process of every role does the same way: common arguments, logs, signals, the watch over
-//! the launcher, exit codes. Nothing here decides anything about a run's result.
+//! What the processes of all roles share: common arguments, logs, signals, the watch over the launcher, exit codes.
+//! Nothing here affects a run's result.
 
 mod allocator;
 mod arguments;

@@ -1,4 +1,4 @@
-//! Writing down everything that a role sends and declares, for audits of what crosses the bus.
+//! Records everything that a role sends and declares, for audits of the bus traffic.
 
 use std::fmt::Write as _;
 use std::fs::File;

@@ -1,4 +1,4 @@
-//! What a role works with, wherever it runs: as a process of its own or as a thread beside others.
+//! What a role works with, both as a separate process and as a thread.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,11 +21,11 @@ pub struct Role {
     pub folder: RoleFolder,
     /// Its side of the bus.
     pub bus: Arc<dyn Bus>,
-    /// How long to wait for others.
+    /// How long to wait for other processes.
     pub wait: Duration,
-    /// Where everything arrives that the role reads from `events`.
+    /// The sending end of `events`.
     pub inbox: Inbox,
-    /// The one place that the role listens to.
+    /// All that the role receives.
     pub events: Events,
 }
 
@@ -56,11 +56,11 @@ impl Role {
         Ok(Self { config, keys, folder, bus, wait, inbox, events })
     }
 
-    /// Sets the role's old state aside, if it has any, and logs where to. Called for a run that starts from the
-    /// beginning: another process has decided that, so nothing is deleted.
+    /// Moves the role's old state, if any, to another folder and logs which. Called when a run starts from the
+    /// beginning. Another process has decided that, so nothing is deleted.
     ///
     /// # Errors
-    /// What the disk says.
+    /// I/O errors.
     pub fn set_aside(&self) -> Result<(), Failure> {
         if let Some(folder) = self.folder.set_aside()? {
             tracing::warn!(folder = %folder.display(), "the run starts from the beginning; old state is set aside");
@@ -68,7 +68,7 @@ impl Role {
         Ok(())
     }
 
-    /// For its result.json: key, messages and payload bytes of everything that it sent.
+    /// For its result.json: key, messages and payload bytes of all that it sent.
     pub fn traffic(&self) -> Vec<(String, u64, u64)> {
         self.bus.traffic().into_iter().map(|sent| (sent.key, sent.messages, sent.bytes)).collect()
     }
@@ -77,7 +77,7 @@ impl Role {
 /// Compares a configuration with the one that checkpoints were made with.
 ///
 /// # Errors
-/// The first key that differs and decides what is learned, or why the old configuration cannot be read.
+/// The first key that differs and must not, or why the old configuration cannot be read.
 pub fn check_unchanged(config: &Config, made_with: &str) -> Result<(), String> {
     let before = Config::from_toml(made_with).map_err(|error| format!("it cannot be read: {error}"))?;
     match config.first_difference(&before) {

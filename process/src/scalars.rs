@@ -1,4 +1,4 @@
-//! Scalars for whoever looks at a run while it goes on.
+//! Scalars for a live display of a run.
 
 use std::time::{Duration, Instant};
 
@@ -6,10 +6,10 @@ use bus::Publisher;
 use proto::codec::encode;
 use proto::control::Metrics;
 
-/// A display gains nothing from more than this.
+/// Shortest time between two messages; a display needs no more.
 const BETWEEN_SCALARS: Duration = Duration::from_millis(100);
 
-/// Publishes a role's scalars, best effort, at a rate that a person can follow.
+/// Publishes a role's scalars, best effort, at most one message per [`BETWEEN_SCALARS`].
 pub struct Scalars {
     publisher: Publisher,
     next: Instant,
@@ -21,13 +21,13 @@ impl Scalars {
         Self { publisher, next: Instant::now() }
     }
 
-    /// Publishes what `metrics` gives, unless the last scalars are recent; `now`: in any case.
+    /// Publishes what `metrics` returns, unless the last message is recent. With `now` it always publishes.
     pub fn show(&mut self, now: bool, metrics: impl FnOnce() -> Metrics) {
         if !now && Instant::now() < self.next {
             return;
         }
         self.next = Instant::now() + BETWEEN_SCALARS;
-        // Nobody may be looking, and nothing depends on it.
+        // There may be no display, and nothing depends on it.
         let sent = encode(&metrics()).map(|bytes| self.publisher.send(&bytes));
         tracing::trace!(?sent, "scalars");
     }

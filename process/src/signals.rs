@@ -1,5 +1,5 @@
-//! The signals that ask a program to end, and what each further one means. Every program of the project uses
-//! this list: the launcher, a sweep, each role, `rondo render`.
+//! The signals that ask a program to end, and the meaning of further ones. All programs use this list: the launcher,
+//! a sweep, each role, `rondo render`.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -10,10 +10,10 @@ use signal_hook::iterator::Signals;
 
 use crate::Failure;
 
-/// Batch systems and impatient fingers send a signal twice: within this time of the first, it is the same request.
+/// Batch systems and users often send a signal twice. Within this time of the first, it is the same request.
 const SAME_REQUEST: Duration = Duration::from_secs(1);
 
-/// What the signals so far ask for.
+/// What the signals so far request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopRequest {
     /// Save after the present round, then end.

@@ -1,16 +1,15 @@
-//! What this process has needed: memory and processor time.
+//! Memory and processor time of this process.
 
-/// The most resident memory that this process has had so far; `None` where the system does not tell.
+/// Peak resident memory of this process; `None` if the system does not report it.
 pub fn peak_memory_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let kilobytes = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     kilobytes.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kb| kb * 1024)
 }
 
-/// Seconds that processors have worked for this process so far, in all its threads; `None` where the system does
-/// not tell.
+/// Processor seconds of this process so far, in all its threads; `None` if the system does not report them.
 pub fn cpu_seconds() -> Option<f64> {
-    /// Linux counts in hundredths, whatever its own clock is.
+    /// Linux reports hundredths of a second.
     const PER_SECOND: f64 = 100.0;
     let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
     // The second field is the program's name in brackets, which may hold anything. proc(5) numbers the first one

@@ -1,4 +1,4 @@
-//! How a role learns that it must leave: by a signal, or through stdin, whose other end the launcher holds.
+//! Requests to a role to leave: a signal, or stdin, whose other end the launcher holds.
 
 use std::io::Read;
 use std::sync::OnceLock;
@@ -14,14 +14,14 @@ use crate::Failure;
 /// What a listening role prints on stdout, followed by a space and the endpoint, when it can be dialled.
 pub const LISTENING: &str = "listening";
 
-/// What the launcher writes to a role's stdin to make it save the last complete round and leave now.
+/// The line that the launcher writes to a role's stdin: save the last complete round and leave now.
 pub const LEAVE_NOW: &[u8] = b"leave now\n";
 
 /// When the launcher is gone, the env-server has this long to end the round for the whole team. Then every role
 /// saves the last round that it has completed.
 const TO_END_THE_ROUND: Duration = Duration::from_secs(1);
 
-/// A role that has not left by then is stuck.
+/// A role that has not left by then hangs.
 const TO_SAVE: Duration = Duration::from_secs(10);
 
 /// Turns signals into [`Event::Stop`]: the first ends the run after the round, the next ends this role now.
@@ -30,7 +30,7 @@ const TO_SAVE: Duration = Duration::from_secs(10);
 /// If the system refuses the handler.
 pub(crate) fn stop_on_signals(inbox: Inbox) -> Result<(), Failure> {
     on_stop_request(move |request| match request {
-        // A role that has left needs no event.
+        // The role may have left already.
         StopRequest::AfterThisRound | StopRequest::Now => drop(inbox.send(Event::Stop)),
         StopRequest::Abort => leave(),
     })
@@ -39,9 +39,9 @@ pub(crate) fn stop_on_signals(inbox: Inbox) -> Result<(), Failure> {
 /// Where [`follow_launcher`] sends events. Empty until the role has an inbox.
 pub(crate) static INBOX: OnceLock<Inbox> = OnceLock::new();
 
-/// Follows the launcher through stdin. [`LEAVE_NOW`] makes the role save and leave. When stdin closes, the launcher
-/// is gone, however it ended: `ends_rounds` (the env-server) then closes the run after the round, the others follow
-/// it or leave soon after. A role that does not have a seat yet leaves at once: it has nothing to save.
+/// Watches the launcher through stdin. [`LEAVE_NOW`] makes the role save and leave. When stdin closes, the launcher
+/// has ended: the role with `ends_rounds` (the env-server) then closes the run after the round, and the others follow
+/// it or leave soon after. A role without a seat leaves at once: it has nothing to save.
 pub(crate) fn follow_launcher(ends_rounds: bool) {
     thread::spawn(move || {
         let mut line = [0; LEAVE_NOW.len()];
@@ -51,8 +51,8 @@ pub(crate) fn follow_launcher(ends_rounds: bool) {
                 None => leave(),
             }
         }
-        // Not a warning: those go to stderr, whose other end the launcher held too.
-        tracing::info!("the launcher has ended");
+        // Not a warning: warnings go to stderr, whose other end the launcher held too.
+        tracing::info!("the launcher has ended; saving and leaving");
         let Some(inbox) = INBOX.get() else { leave() };
         if ends_rounds {
             let _ = inbox.send(Event::Stop);
@@ -64,7 +64,7 @@ pub(crate) fn follow_launcher(ends_rounds: bool) {
     });
 }
 
-/// The env-server takes the first [`Event::Stop`] for the end of the round, the second for now.
+/// The env-server ends the round at the first [`Event::Stop`], and stops now at the second.
 fn stop_now(inbox: &Inbox) {
     for _ in 0..2 {
         let _ = inbox.send(Event::Stop);

@@ -1,4 +1,4 @@
-//! A role's checkpoints: one folder per saved round, either whole or not counted.
+//! A role's checkpoints: one folder per saved round. Incomplete ones do not count.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,39 +11,38 @@ use crate::files::{self, WRITING};
 use crate::weights::{self, Tensor};
 use crate::Error;
 
-/// How many saved rounds a role keeps: should the newest be damaged, or not be held by the other
-/// roles yet, the run starts again from the one before.
+/// How many saved rounds a role keeps. If the newest is damaged, or other roles do not have it yet, the run resumes
+/// from the one before.
 pub const KEEP: usize = 2;
 
-/// Raised whenever an older program could not read what is written.
+/// Increased whenever the format changes so that older programs cannot read it.
 const FORMAT_VERSION: u32 = 1;
 
 const WEIGHTS: &str = "weights.safetensors";
 const STATE: &str = "state.bin";
 const MANIFEST: &str = "manifest.json";
 
-/// How the names of folders start that are being removed.
+/// Prefix of the names of folders that are being removed.
 const REMOVING: &str = ".removing-";
 
-/// Everything a role needs to go on from the end of a round.
+/// Everything a role needs to resume after a round.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checkpoint {
     pub round: u64,
-    /// What is not a tensor, in a form that is the role's own: counters, random streams, the
-    /// position in its metrics.
+    /// Everything that is not a tensor, in the role's own format: counters, settings, the position in its metrics.
     pub state: Vec<u8>,
-    /// Loaded in the order of their names, whatever the order was when they were saved.
+    /// Loaded in the order of their names.
     pub tensors: Vec<Tensor>,
 }
 
-/// The checkpoints of one role. Reading (`rounds`, `load`) changes nothing on disk; what a killed
-/// save has left is removed by the next call that writes.
+/// The checkpoints of one role. Reading (`rounds`, `load`) changes nothing on disk. The next call that writes
+/// removes what a killed save left.
 #[derive(Debug, Clone)]
 pub struct Checkpoints {
     path: PathBuf,
 }
 
-/// Written last: what it says about the other files makes the checkpoint valid.
+/// Describes the other files and is written last. A checkpoint without it is invalid.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Manifest {
@@ -76,12 +75,12 @@ impl Checkpoints {
         Self { path }
     }
 
-    /// Saves a round. When this returns, the checkpoint survives a power cut; if the process dies
-    /// before, the earlier ones are as they were. Of the rounds up to this one, the newest
-    /// [`KEEP`] that look whole stay. A round that is there already is replaced.
+    /// Saves a round. When this returns, the checkpoint survives a power cut. If the process dies before that, the
+    /// earlier ones are unchanged. Of the rounds up to this one, the newest [`KEEP`] complete ones stay. An existing
+    /// checkpoint of the same round is replaced.
     ///
     /// # Errors
-    /// [`Error::Tensors`] for tensors that cannot be stored, or what the disk says.
+    /// [`Error::Tensors`] for tensors that cannot be stored, or I/O errors.
     pub fn save(&self, checkpoint: &Checkpoint) -> Result<(), Error> {
         let round = checkpoint.round;
         let weights =
@@ -89,17 +88,17 @@ impl Checkpoints {
         let manifest = Manifest::of(round, &weights, &checkpoint.state);
         files::ensure_folder(&self.path)?;
         self.remove_leftovers()?;
-        // A replayed round comes to the same bits: the one that is there must not be put at risk.
+        // A repeated round gives the same bits: the existing checkpoint stays untouched.
         if !self.read(round).is_ok_and(|there| there.manifest == manifest) {
             let unfinished = self.path.join(format!("{WRITING}{}", folder_name(round)));
             if let Err(error) = write_all(&unfinished, &weights, &checkpoint.state, &manifest) {
-                // Gives the space back on a full disk; should it fail, the next save tries again.
+                // Frees the space on a full disk. If this fails, the next save tries again.
                 if let Err(error) = fs::remove_dir_all(&unfinished) {
                     tracing::warn!(path = %unfinished.display(), %error, "cannot remove an unfinished checkpoint");
                 }
                 return Err(error);
             }
-            // Only another checkpoint of the same round, or a damaged one, has to make room first.
+            // A different checkpoint of this round, or a damaged one, is removed first.
             self.remove(round)?;
             let path = self.folder(round);
             fs::rename(&unfinished, &path).map_err(Error::io("rename a finished checkpoint to", &path))?;
@@ -115,13 +114,13 @@ impl Checkpoints {
     }
 
     /// The rounds that can be loaded, ascending. Every digest is checked; a damaged checkpoint is
-    /// logged as a warning and left out.
+    /// logged as a warning and skipped.
     pub fn rounds(&self) -> Result<Vec<u64>, Error> {
         let mut rounds = self.listed()?;
         rounds.retain(|&round| match self.read(round) {
             Ok(_) => true,
             Err(error) => {
-                tracing::warn!(round, %error, "left out a damaged checkpoint");
+                tracing::warn!(round, %error, "skipped a damaged checkpoint");
                 false
             }
         });
@@ -141,7 +140,7 @@ impl Checkpoints {
         Ok(Checkpoint { round, state, tensors })
     }
 
-    /// Removes the rounds after `round`, damaged ones too: the run starts again from there.
+    /// Removes the rounds after `round`, damaged ones too: the run resumes from `round`.
     pub fn discard_after(&self, round: u64) -> Result<(), Error> {
         for later in self.listed()?.into_iter().rev().take_while(|&later| later > round) {
             self.remove(later)?;
@@ -153,7 +152,7 @@ impl Checkpoints {
         self.path.join(folder_name(round))
     }
 
-    /// The rounds that have a folder, whole or not, ascending.
+    /// The rounds that have a folder, complete or not, ascending.
     fn listed(&self) -> Result<Vec<u64>, Error> {
         let names = files::names(&self.path)?;
         let mut rounds: Vec<u64> = names.iter().filter_map(|name| round_of(name)).collect();
@@ -189,7 +188,7 @@ impl Checkpoints {
         let bytes = fs::read(self.folder(round).join(MANIFEST))
             .map_err(|error| self.damaged(round, format!("cannot read {MANIFEST}: {error}")))?;
         let manifest: Manifest = serde_json::from_slice(&bytes)
-            .map_err(|error| self.damaged(round, format!("cannot understand {MANIFEST}: {error}")))?;
+            .map_err(|error| self.damaged(round, format!("cannot parse {MANIFEST}: {error}")))?;
         if manifest.format_version != FORMAT_VERSION {
             let problem = format!(
                 "it has format version {}, this program reads {FORMAT_VERSION}",
@@ -200,8 +199,7 @@ impl Checkpoints {
         Ok(manifest)
     }
 
-    /// Whether the files have the sizes they should. Digests are not worth their time here: what
-    /// this misses is found when the round is loaded.
+    /// Whether the files have the right sizes. Digests would take too long here; loading a round checks them.
     fn looks_whole(&self, round: u64) -> bool {
         let size = |name: &str| fs::metadata(self.folder(round).join(name)).ok().map(|file| file.len());
         self.manifest(round).is_ok_and(|manifest| {
@@ -209,8 +207,8 @@ impl Checkpoints {
         })
     }
 
-    /// Removes what is older than the newest [`KEEP`] up to `newest`, which has just been written
-    /// and is therefore whole. Later rounds are left to [`Checkpoints::discard_after`].
+    /// Removes what is older than the newest [`KEEP`] up to `newest`, which has just been written and is complete.
+    /// [`Checkpoints::discard_after`] removes later rounds.
     fn prune(&self, newest: u64) -> Result<(), Error> {
         let mut kept = 1;
         for round in self.listed()?.into_iter().rev().skip_while(|&round| round >= newest) {
@@ -223,8 +221,7 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// Takes a round away, first of all by its name: a folder that is half removed must not be
-    /// taken for a damaged one.
+    /// Removes a round. It is renamed first, so that a folder that is removed in part does not look like a damaged one.
     fn remove(&self, round: u64) -> Result<(), Error> {
         let path = self.folder(round);
         let removing = self.path.join(format!("{REMOVING}{}", folder_name(round)));

@@ -1,5 +1,5 @@
-//! One number for the result of a run: equal for two runs exactly if they came to the same
-//! weights by the same metric rows, whatever the hosts, kills and restarts in between.
+//! One number for the result of a run. It is equal for two runs exactly if their weights and metric rows are equal;
+//! hosts, kills and restarts do not matter.
 //!
 //! ```text
 //! agent   = blake3( for each tensor by name: text(name), u64 dimensions, u64 sizes…, f32 elements… )
@@ -16,16 +16,15 @@ use serde::{Deserialize, Serialize};
 use crate::metrics::complete_lines;
 use crate::{Error, RunFolder, Tensor};
 
-/// BLAKE3 of some bytes, in lower-case hexadecimal digits: how a configuration names a file.
+/// BLAKE3 of some bytes, in lower-case hexadecimal digits. A configuration names a file by it.
 pub fn digest_of(bytes: &[u8]) -> String {
     blake3::hash(bytes).to_hex().to_string()
 }
 
-/// Tensors of the optimiser: they serve to go on, and are no part of what was learned.
+/// Prefix of the optimiser's tensors. They are needed to resume, but are not part of the result.
 const NOT_LEARNED: &str = "adam.";
 
-/// The result of a run as digests, in hexadecimal digits. Serializes as one JSON object; `Display`
-/// is for people.
+/// The result of a run as digests, in hexadecimal digits. Serializes as one JSON object; `Display` prints a table.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunDigest {
     /// Over all the others.
@@ -49,12 +48,12 @@ impl fmt::Display for RunDigest {
     }
 }
 
-/// What can be digested of a run that is not all here: the agents one by one, and nothing over all of them.
+/// The digests of a run of which parts are missing here: one per agent, and none over all of them.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct PartialDigest {
-    /// Always none: there is no digest of a part of a run.
+    /// Always `None`: a part of a run has no digest.
     pub digest: Option<String>,
-    /// Over each agent's weights in its latest checkpoint; none where there is no such checkpoint.
+    /// Over each agent's weights in its latest checkpoint; `None` without a checkpoint.
     pub agents: Vec<Option<String>>,
     /// The round of each agent's latest checkpoint.
     pub rounds: Vec<Option<u64>>,
@@ -74,10 +73,10 @@ impl fmt::Display for PartialDigest {
     }
 }
 
-/// Digests the agents that have a checkpoint here, of the `agents` that the run has.
+/// Digests those of the run's `agents` that have a checkpoint here.
 ///
 /// # Errors
-/// If what is here cannot be read.
+/// If a checkpoint cannot be read.
 pub fn partial_digest(run: &RunFolder, agents: usize) -> Result<PartialDigest, Error> {
     let here = run.roles()?;
     let latest = agent_names(agents)
@@ -93,13 +92,12 @@ pub fn partial_digest(run: &RunFolder, agents: usize) -> Result<PartialDigest, E
     })
 }
 
-/// Digests the latest checkpoints of all agents, of which the run has `agents`, and the metric rows of the world and
-/// the agents.
+/// Digests the latest checkpoints of all `agents`, and the metric rows of the world and the agents.
 ///
 /// # Errors
-/// [`Error::MissingRoles`] if the world or agents have no folder here, [`Error::NoCheckpoint`] if
-/// an agent has no checkpoint that is whole, [`Error::RoundsDiffer`] if the latest ones are of
-/// different rounds, [`Error::NoMetrics`] if a role's metric rows are not here. In each of these cases there is a [`partial_digest`].
+/// [`Error::MissingRoles`] if the world or an agent has no folder here, [`Error::NoCheckpoint`] if an agent has no
+/// complete checkpoint, [`Error::RoundsDiffer`] if the latest ones are of different rounds, [`Error::NoMetrics`] if a
+/// role's metric rows are missing. In each of these cases there is a [`partial_digest`].
 pub fn digest(run: &RunFolder, agents: usize) -> Result<RunDigest, Error> {
     let names = role_names(run, agents)?;
     let agents = &names[1..];
@@ -141,7 +139,7 @@ pub fn digest(run: &RunFolder, agents: usize) -> Result<RunDigest, Error> {
     })
 }
 
-/// The world and all agents. What else is in the folder is no part of the run's result.
+/// The world and all agents. Other files are not part of the run's result.
 fn role_names(run: &RunFolder, agents: usize) -> Result<Vec<String>, Error> {
     let here = run.roles()?;
     let names: Vec<String> = std::iter::once("world".to_owned()).chain(agent_names(agents)).collect();
@@ -338,7 +336,7 @@ mod tests {
         let run = Run::new();
         fs::remove_file(run.role("agent-1").path().join("checkpoints/round-000000000030/manifest.json"))
             .unwrap();
-        assert!(run.refusal().starts_with("`RUN/agent-1` holds no checkpoint that is whole\nhint: "));
+        assert!(run.refusal().starts_with("`RUN/agent-1` has no complete checkpoint\nhint: "));
     }
 
     #[test]
@@ -357,8 +355,8 @@ mod tests {
         run.save("agent-0", 40, |_| ());
         assert!(run.refusal().starts_with("the agents' latest checkpoints are of different rounds"));
         fs::remove_dir_all(run.role("agent-1").path()).unwrap();
-        let hint = "\nhint: a role that ran on another host keeps its folder there, copy it here; a run that has not \
-                    come to its first checkpoint goes on with `rondo resume`";
+        let hint = "\nhint: a role that ran on another host keeps its folder there, copy it here; a run without a checkpoint \
+                    continues with `rondo resume`";
         assert_eq!(run.refusal(), format!("`RUN` has no folder of agent-1{hint}"));
         let part = partial_digest(&run.folder, 2).unwrap();
         assert_eq!(

@@ -1,13 +1,13 @@
-//! What a role must remember beyond its checkpoints: records of any bytes, appended to files in
-//! segments, read by number in any order, cut back to a checkpoint when training starts again.
+//! Data that a role stores beside its checkpoints: records of any bytes. They are appended to files in segments, read
+//! by number in any order, and truncated to the position of a checkpoint when a run resumes.
 //!
 //! ```text
 //! replay/episodes-000000000000.bin      named by the number of its first record
 //!        records:  u64 length | 8 bytes of blake3(u64 number, bytes) | bytes
 //! ```
 //!
-//! All numbers are little-endian. A checkpoint stores how many records there were; whatever a role does
-//! afterwards, it can go back there, for nothing is ever overwritten before that.
+//! All numbers are little-endian. A checkpoint stores the number of records. A role can always return to it, because
+//! earlier records are never overwritten.
 
 use std::fs::{self, File, OpenOptions};
 use std::os::unix::fs::FileExt;
@@ -15,15 +15,14 @@ use std::path::PathBuf;
 
 use crate::{files, Error};
 
-/// Where a new segment starts: some tens of them are open at once for the largest buffers, and a
-/// segment that nobody needs any more gives back a noticeable part of the disk.
+/// Size of a segment. The largest buffers have some tens of them open, and removing one frees a noticeable part of
+/// the disk.
 const SEGMENT_BYTES: u64 = 64 << 20;
 
 /// Length and checksum before each record.
 const HEADER: usize = 16;
 
-/// The records of one role. Nothing is buffered: a record is handed to the system before
-/// [`Episodes::append`] returns, or the failure is.
+/// The records of one role, without a buffer: [`Episodes::append`] writes the record before it returns, or fails.
 #[derive(Debug)]
 pub struct Episodes {
     folder: PathBuf,
@@ -63,10 +62,10 @@ impl Episodes {
             segments.push(Segment::read(folder.join(file_name(first)), first, end)?);
         }
         if position > 0 && segments.is_empty() {
-            let problem = format!("none of the {position} records is there");
+            let problem = format!("none of the {position} records exists");
             return Err(Error::DamagedEpisodes { path: folder, problem });
         }
-        // Nothing is cut before everything that is to stay has been read.
+        // Nothing is cut off before all records that stay have been read.
         for &first in later.iter().rev() {
             let path = folder.join(file_name(first));
             fs::remove_file(&path).map_err(Error::io("remove", &path))?;
@@ -74,22 +73,22 @@ impl Episodes {
         if let Some(last) = segments.last() {
             last.file.set_len(last.bytes()).map_err(Error::io("cut", &last.path))?;
         }
-        // A removed file that came back after a power cut would stand in the way of its successor.
+        // Otherwise a removed file could reappear after a power cut and block a new one of the same name.
         files::sync_folder(&folder)?;
         Ok(Self { folder, segment_bytes, segments, position, writing: Vec::new() })
     }
 
-    /// How many records were ever appended; the next one gets this number.
+    /// Number of records appended so far; the next one gets this number.
     pub fn position(&self) -> u64 {
         self.position
     }
 
-    /// Number of the oldest record that is still there.
+    /// Number of the oldest record that still exists.
     pub fn oldest(&self) -> u64 {
         self.segments.first().map_or(self.position, |segment| segment.first)
     }
 
-    /// Checks that the records from number `oldest` on are there.
+    /// Checks that the records from number `oldest` on exist.
     ///
     /// # Errors
     /// [`Error::DamagedEpisodes`].
@@ -104,8 +103,7 @@ impl Episodes {
     /// Appends a record.
     ///
     /// # Errors
-    /// What the disk says. All earlier records stay readable then, and the record that failed is cut
-    /// off again, so far as the disk still lets us.
+    /// I/O errors. All earlier records stay readable, and the failed record is cut off again if the disk allows it.
     pub fn append(&mut self, record: &[u8]) -> Result<(), Error> {
         if self.segments.last().is_none_or(|segment| segment.bytes() >= self.segment_bytes) {
             self.start_segment()?;
@@ -114,7 +112,7 @@ impl Episodes {
         self.writing.clear();
         self.writing.extend_from_slice(&header(self.position, record));
         self.writing.extend_from_slice(record);
-        // At a position of our own, so that a record that failed half-way is overwritten by the next.
+        // At a tracked position, so that the next record overwrites one that was written in part.
         let start = segment.bytes();
         if let Err(error) = segment.file.write_all_at(&self.writing, start) {
             if let Err(error) = segment.file.set_len(start) {
@@ -158,13 +156,12 @@ impl Episodes {
         Ok(self.position)
     }
 
-    /// Gives back the disk space of records before number `oldest`, by whole segments. Later ones, and
-    /// whatever shares a segment with them, stay.
+    /// Removes segments that hold only records before number `oldest`.
     pub fn forget_before(&mut self, oldest: u64) -> Result<(), Error> {
         while self.segments.get(1).is_some_and(|second| second.first <= oldest) {
             let path = &self.segments[0].path;
             fs::remove_file(path).map_err(Error::io("remove", path))?;
-            // One after the other, so that a power cut leaves no gap.
+            // One after another, so that a power cut leaves no gap.
             files::sync_folder(&self.folder)?;
             self.segments.remove(0);
         }
@@ -172,7 +169,7 @@ impl Episodes {
     }
 
     fn start_segment(&mut self) -> Result<(), Error> {
-        // From here on `sync` looks after the new one only.
+        // From here on `sync` flushes the new one only.
         if let Some(last) = self.segments.last() {
             last.flush()?;
         }
@@ -189,8 +186,8 @@ impl Episodes {
 }
 
 impl Segment {
-    /// Opens a file that must hold the records from `first` up to `end`, and checks each of them. What
-    /// comes behind is not looked at.
+    /// Opens a file that must hold the records from `first` up to `end`, and checks each of them. Later bytes are not
+    /// read.
     fn read(path: PathBuf, first: u64, end: u64) -> Result<Self, Error> {
         let file = OpenOptions::new().read(true).write(true).open(&path).map_err(Error::io("open", &path))?;
         let size = file.metadata().map_err(Error::io("ask for the size of", &path))?.len();
@@ -204,7 +201,7 @@ impl Segment {
             } else {
                 segment.read_at(&mut found, start)?;
                 let (length, _) = found.split_first_chunk().expect("a header starts with 8 bytes");
-                // Compared with the size before anything of that length is asked for.
+                // Compared with the file's size before memory of that length is allocated.
                 let length = u64::from_le_bytes(*length);
                 (length <= size - start - HEADER as u64).then_some(length)
             };
@@ -244,7 +241,7 @@ impl Segment {
 fn header(number: u64, record: &[u8]) -> [u8; HEADER] {
     let mut header = [0; HEADER];
     header[..8].copy_from_slice(&(record.len() as u64).to_le_bytes());
-    // The number is part of it: a record in the place of another is damage too.
+    // The number is part of the checksum: a record in another one's place is damaged too.
     let mut hasher = blake3::Hasher::new();
     hasher.update(&number.to_le_bytes()).update(record);
     header[8..].copy_from_slice(&hasher.finalize().as_bytes()[..8]);

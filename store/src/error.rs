@@ -1,12 +1,11 @@
-//! What can go wrong with a run folder, told to the person who must act.
+//! Errors of a run folder, written for the person who must act.
 
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-/// Every failure of this crate. [`Error::is_config`], [`Error::is_io`] and
-/// [`Error::is_unfinished`] sort them by exit code; what is in none of the three is a mistake of
-/// the program that calls this crate.
+/// Every failure of this crate. [`Error::is_config`], [`Error::is_io`] and [`Error::is_unfinished`] group them by exit
+/// code. An error in none of the three groups is a bug of the calling program.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     #[error("could not {doing} `{}`: {cause}", path.display())]
@@ -14,14 +13,14 @@ pub enum Error {
 
     #[error(
         "no space left: could not {doing} `{}`: {cause}\n\
-         hint: free some and `rondo resume`; the last checkpoint is intact",
+         hint: free disk space, then run `rondo resume`; the last checkpoint is intact",
         path.display()
     )]
     Full { doing: &'static str, path: PathBuf, cause: io::Error },
 
     #[error(
-        "`{0}` exists and is not empty, a new run needs a folder of its own\n\
-         hint: go on with the run that is there by `rondo resume {0}`, or choose another folder with --out",
+        "`{0}` exists and is not empty, a new run needs a new folder\n\
+         hint: continue that run with `rondo resume {0}`, or choose another folder with --out",
         path.display()
     )]
     Exists { path: PathBuf },
@@ -43,28 +42,28 @@ pub enum Error {
         path: PathBuf,
         /// Counted from 1.
         line: usize,
-        /// The line in the folder's config.toml; `None` where that has ended.
+        /// The line in the folder's config.toml; `None` after its end.
         theirs: Option<String>,
-        /// The line in the configuration that was passed; `None` where that has ended.
+        /// The line in the given configuration; `None` after its end.
         ours: Option<String>,
     },
 
     #[error(
-        "`{}` ends after {found} bytes, but the checkpoint counts on {expected}\n\
+        "`{}` ends after {found} bytes, but the checkpoint expects {expected}\n\
          hint: the file was cut or replaced; copy it back, or start the run again in a new folder",
         path.display()
     )]
     ShortMetrics { path: PathBuf, expected: u64, found: u64 },
 
     #[error(
-        "`{}` is not what the checkpoint counts on: {problem}\n\
+        "`{}` does not match the checkpoint: {problem}\n\
          hint: the file was changed or replaced; copy it back, or start the run again in a new folder",
         path.display()
     )]
     DamagedMetrics { path: PathBuf, problem: String },
 
     #[error(
-        "`{}` does not hold the experience that the learner counts on: {problem}\n\
+        "`{}` lacks episodes that the learner needs: {problem}\n\
          hint: files were changed or lost; copy them back, or start the run again in a new folder",
         path.display()
     )]
@@ -84,7 +83,7 @@ pub enum Error {
     NoSuchRound { path: PathBuf, round: u64, held: Vec<u64> },
 
     #[error(
-        "`{}` holds no checkpoint that is whole\n\
+        "`{}` has no complete checkpoint\n\
          hint: continue the run with `rondo resume` until its next save, or copy here what this role has saved on \
          another host",
         path.display()
@@ -99,15 +98,15 @@ pub enum Error {
 
     #[error(
         "`{}` has no folder of {}\n\
-         hint: a role that ran on another host keeps its folder there, copy it here; a run that has not come to its \
-         first checkpoint goes on with `rondo resume`",
+         hint: a role that ran on another host keeps its folder there, copy it here; a run without a checkpoint \
+         continues with `rondo resume`",
         path.display(), roles.join(", ")
     )]
     MissingRoles { path: PathBuf, roles: Vec<String> },
 
     #[error(
         "there is no `{}`\n\
-         hint: a role writes that file from its start on, and the digest is over its rows; copy it here",
+         hint: a role writes that file from its start, and the digest includes its rows; copy it here",
         path.display()
     )]
     NoMetrics { path: PathBuf },
@@ -123,12 +122,12 @@ pub enum Error {
 }
 
 impl Error {
-    /// The user asked for something that does not fit what is there: exit code 78.
+    /// The request does not fit what the folder holds: exit code 78.
     pub fn is_config(&self) -> bool {
         matches!(self, Self::Exists { .. } | Self::NotARun { .. } | Self::OtherConfig { .. })
     }
 
-    /// The disk failed, is full, or what it holds is damaged: exit code 74.
+    /// The disk failed or is full, or a file is damaged: exit code 74.
     pub fn is_io(&self) -> bool {
         matches!(
             self,
@@ -142,7 +141,7 @@ impl Error {
         )
     }
 
-    /// The run has not come far enough, or is not all here: exit code 75.
+    /// The run is not far enough, or parts of it are missing: exit code 75.
     pub fn is_unfinished(&self) -> bool {
         matches!(
             self,
@@ -153,7 +152,7 @@ impl Error {
         )
     }
 
-    /// For `map_err`: says what was being done to which path.
+    /// For `map_err`: names the failed operation and its path.
     pub(crate) fn io(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Error {
         let path = path.to_owned();
         move |cause| match cause.kind() {
@@ -163,9 +162,9 @@ impl Error {
     }
 }
 
-/// Escapes, because the difference may be one that does not show, such as a line ending.
+/// Escaped, because the difference may be invisible, such as a line ending.
 fn quoted(line: &Option<String>) -> String {
-    line.as_ref().map_or_else(|| "(the file has ended)".to_owned(), |line| format!("{line:?}"))
+    line.as_ref().map_or_else(|| "(end of the file)".to_owned(), |line| format!("{line:?}"))
 }
 
 #[cfg(test)]
@@ -179,7 +178,7 @@ mod tests {
         assert_eq!(
             error.to_string(),
             "no space left: could not write `runs/a/result.json`: No space left on device (os error 28)\n\
-             hint: free some and `rondo resume`; the last checkpoint is intact"
+             hint: free disk space, then run `rondo resume`; the last checkpoint is intact"
         );
         assert!(error.is_io() && !error.is_config());
     }

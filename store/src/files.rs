@@ -1,4 +1,4 @@
-//! Files and folders that are either whole or not there, also after a power cut.
+//! Files and folders that are either complete or absent, also after a power cut.
 
 use std::fs::{self, File, Permissions};
 use std::io::{self, Write};
@@ -9,10 +9,10 @@ use tempfile::NamedTempFile;
 
 use crate::Error;
 
-/// How the names of unfinished files and folders start. Readers ignore them.
+/// Prefix of the names of unfinished files and folders. Readers ignore them.
 pub(crate) const WRITING: &str = ".writing-";
 
-/// Creates the folder and its parents unless it is there.
+/// Creates the folder and its parents if it is missing.
 pub(crate) fn ensure_folder(path: &Path) -> Result<(), Error> {
     if path.is_dir() {
         return Ok(());
@@ -21,8 +21,8 @@ pub(crate) fn ensure_folder(path: &Path) -> Result<(), Error> {
     sync_folder(parent(path))
 }
 
-/// The names in a folder, sorted; none where the folder is missing. Names that are not UTF-8 are
-/// not ours and left out.
+/// The names in a folder, sorted; none if the folder is missing. Names that are not UTF-8 are not ours and are
+/// skipped.
 pub(crate) fn names(path: &Path) -> Result<Vec<String>, Error> {
     let failed = || Error::io("list", path);
     let entries = match fs::read_dir(path) {
@@ -38,16 +38,15 @@ pub(crate) fn names(path: &Path) -> Result<Vec<String>, Error> {
     Ok(names)
 }
 
-/// Writes a file that must not be there yet, down to the disk. Its name is durable only after
-/// [`sync_folder`].
+/// Writes and flushes a file that must not exist yet. Its name is durable only after [`sync_folder`].
 pub(crate) fn write_new(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let mut file = File::create_new(path).map_err(Error::io("create", path))?;
     file.write_all(bytes).map_err(Error::io("write", path))?;
     file.sync_all().map_err(Error::io("flush", path))
 }
 
-/// Replaces a file in one step: whoever reads sees the old one or the new one. The file that is
-/// returned is open for writing behind `bytes`.
+/// Replaces a file in one step: a reader sees the old one or the new one. The returned file is open for writing after
+/// `bytes`.
 pub(crate) fn replace(path: &Path, bytes: &[u8]) -> Result<File, Error> {
     let file = unfinished(path, bytes)?
         .persist(path)
@@ -56,8 +55,8 @@ pub(crate) fn replace(path: &Path, bytes: &[u8]) -> Result<File, Error> {
     Ok(file)
 }
 
-/// Like [`replace`], but `false` and no change where the file is already there, however many
-/// processes try at once.
+/// Like [`replace`], but returns `false` without a change if the file already exists. Any number of processes may try
+/// at once.
 pub(crate) fn place(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
     match unfinished(path, bytes)?.persist_noclobber(path) {
         Ok(_) => sync_folder(parent(path)).map(|()| true),
@@ -76,7 +75,7 @@ pub(crate) fn sync_folder(path: &Path) -> Result<(), Error> {
 fn unfinished(path: &Path, bytes: &[u8]) -> Result<NamedTempFile, Error> {
     let mut file = tempfile::Builder::new()
         .prefix(WRITING)
-        // What keeps others out is the run folder; temporary files would be for the owner alone.
+        // The run folder restricts access. The default mode of a temporary file would allow the owner only.
         .permissions(Permissions::from_mode(0o644))
         .tempfile_in(parent(path))
         .map_err(Error::io("create a temporary file for", path))?;

@@ -1,4 +1,4 @@
-//! The only crate that writes a run to disk: configuration, metric rows, checkpoints, experience.
+//! The formats of a run on disk: configuration, metric rows, checkpoints, experience.
 //!
 //! ```text
 //! runs/<run>/config.toml                      resolved; every role must bring the same bytes
@@ -8,16 +8,16 @@
 //!               result.json
 //!               checkpoints/round-000000000120/{weights.safetensors, state.bin, manifest.json}
 //!               replay/episodes-000000000000.bin  experience of a learner that replays it
-//!           /tensorboard/<role>/              a view of metrics.jsonl, made again at every start
+//!           /tensorboard/<role>/              the rows of metrics.jsonl, written again at every start
 //!           /result.json
 //! ```
 //!
-//! What must be whole is written to a temporary name starting with `.writing-`, flushed to the
-//! disk, and renamed; readers ignore such names. Reading never changes a run, so that a monitor
-//! or a digest may look at a folder while its roles write.
+//! A file that must be complete is written under a temporary name starting with `.writing-`, flushed to the disk, and
+//! renamed. Readers ignore such names. Reading never changes a run, so a monitor or a digest may read a folder while
+//! its roles write.
 //!
-//! Absent on purpose: the clock (it appears in TensorBoard's files only, which nothing reads
-//! back), the bus, and any knowledge of what a role's state means.
+//! Absent on purpose: the bus, the clock (only TensorBoard's files hold times, and Rondo does not read them), and the
+//! meaning of a role's state. One exception: the digest skips tensors named `adam.`, the optimiser's.
 
 mod run_folder;
 

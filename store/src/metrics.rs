@@ -1,5 +1,5 @@
-//! The rows of `metrics.jsonl`: one flat JSON object a line, appended as training goes, cut back
-//! to a checkpoint when it starts again. The bytes depend on the rows alone, never on the time.
+//! The rows of `metrics.jsonl`: one flat JSON object a line. Rows are appended during training and truncated to the
+//! position of a checkpoint when a run resumes. The bytes do not depend on the time.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -15,19 +15,19 @@ use serde::{Deserialize, Serialize, Serializer};
 use crate::tensorboard::EventFile;
 use crate::{files, Error};
 
-/// What roles count beside environment steps: learners and the world.
+/// What learners and the world count beside environment steps.
 const COUNTED: [&str; 2] = ["update_calls", "rounds"];
 
-/// What a role reports at one moment of a run, as in
+/// What a role reports at one point of a run, such as
 /// `{"t_env":362,"update_calls":1,"test_return_mean":0.43}`.
 ///
-/// Scalars are written in the order given here, in the shortest form that reads back as the same
-/// bits; infinities and NaN as `null`.
+/// Scalars are written in the given order, in the shortest form that parses to the same bits; infinities and NaN as
+/// `null`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Row {
     /// Environment steps so far.
     pub t_env: u64,
-    /// What the role itself counts: its name in the file, and how many so far.
+    /// The role's own counter: its name in the file and its value.
     count: (&'static str, u64),
     pub scalars: Vec<(Cow<'static, str>, f64)>,
 }
@@ -76,7 +76,8 @@ impl Serialize for Row {
     }
 }
 
-/// How far `metrics.jsonl` is written; stored in a checkpoint, given back when starting from it.
+/// The length of `metrics.jsonl`. A checkpoint stores it, and a role that resumes passes it to
+/// [`crate::RoleFolder::metrics`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Position {
     pub bytes: u64,
@@ -84,12 +85,12 @@ pub struct Position {
 }
 
 impl Position {
-    /// No row at all: for a fresh start.
+    /// No row: for a new run.
     pub const START: Self = Self { bytes: 0, rows: 0 };
 }
 
-/// Appends rows to `metrics.jsonl` and to the role's TensorBoard file. Nothing is buffered: a row
-/// is handed to the system before [`MetricsWriter::append`] returns, or the failure is.
+/// Appends rows to `metrics.jsonl` and to the role's TensorBoard file, without a buffer: [`MetricsWriter::append`]
+/// writes the row before it returns, or fails.
 #[derive(Debug)]
 pub struct MetricsWriter {
     path: PathBuf,
@@ -130,12 +131,11 @@ impl MetricsWriter {
     /// Writes one row to `metrics.jsonl` and, as scalars over `t_env`, for TensorBoard.
     ///
     /// # Errors
-    /// [`Error::MetricTwice`] if a name is repeated or is that of a fixed column (nothing is
-    /// written then), or what the disk says. After a failure `metrics.jsonl` has no part of a row,
-    /// so far as the disk still lets us cut it off.
+    /// [`Error::MetricTwice`] if a name is repeated or is that of a fixed column (nothing is written then), or I/O
+    /// errors. A row that was written in part is cut off again if the disk allows it.
     pub fn append(&mut self, row: &Row) -> Result<(), Error> {
         let line = row.to_line()?;
-        // At a position of our own, so that a row that failed half-way is overwritten by the next.
+        // At a tracked position, so that the next row overwrites one that was written in part.
         if let Err(error) = self.file.write_all_at(line.as_bytes(), self.position.bytes) {
             if let Err(error) = self.file.set_len(self.position.bytes) {
                 tracing::warn!(path = %self.path.display(), %error, "cannot cut off a row written in part");
@@ -148,13 +148,13 @@ impl MetricsWriter {
         self.events.append(since_1970(), row.t_env, scalars)
     }
 
-    /// How far the file is written.
+    /// The present length of the file.
     pub fn position(&self) -> Position {
         self.position
     }
 
-    /// Flushes the rows to the disk and says how far they go. A checkpoint stores this, not
-    /// [`MetricsWriter::position`]: after a power cut it must not count on rows that are gone.
+    /// Flushes the rows to the disk and returns the position. A checkpoint stores this and not
+    /// [`MetricsWriter::position`]: after a power cut it must not expect rows that are lost.
     pub fn sync(&self) -> Result<Position, Error> {
         self.file.sync_data().map_err(Error::io("flush", &self.path))?;
         if let Some(folder) = self.path.parent() {
@@ -164,7 +164,7 @@ impl MetricsWriter {
     }
 }
 
-/// The bytes of a `metrics.jsonl` up to the last newline; none where the file is missing.
+/// The bytes of a `metrics.jsonl` up to the last newline; none if the file is missing.
 pub(crate) fn complete_lines(path: &Path) -> Result<Vec<u8>, Error> {
     let mut bytes = match fs::read(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Vec::new(),
@@ -175,7 +175,7 @@ pub(crate) fn complete_lines(path: &Path) -> Result<Vec<u8>, Error> {
     Ok(bytes)
 }
 
-/// A row read back. The order of its scalars is lost, which TensorBoard does not mind.
+/// A row read back. The order of its scalars is lost; TensorBoard does not need it.
 #[derive(Deserialize)]
 struct KeptRow {
     t_env: u64,
@@ -310,13 +310,13 @@ mod tests {
         let path = folder.path().display().to_string();
         let refusal = |bytes, rows| folder.open(Position { bytes, rows }).unwrap_err().to_string();
         assert!(refusal(200, 2)
-            .starts_with(&format!("`{path}` ends after 60 bytes, but the checkpoint counts on 200\n")));
+            .starts_with(&format!("`{path}` ends after 60 bytes, but the checkpoint expects 200\n")));
         for (bytes, rows, problem) in [
             (20, 1, "no row ends at byte 20"),
             (29, 2, "expected 2 rows in the first 29 bytes, found 1"),
             (60, 2, "row 2: invalid type: string \"x\", expected f64 at line 1 column 30"),
         ] {
-            let start = format!("`{path}` is not what the checkpoint counts on: {problem}\n");
+            let start = format!("`{path}` does not match the checkpoint: {problem}\n");
             assert!(refusal(bytes, rows).starts_with(&start), "{}", refusal(bytes, rows));
         }
         assert!(folder.open(Position { bytes: 200, rows: 2 }).unwrap_err().is_io());
@@ -345,7 +345,7 @@ mod tests {
             error.to_string(),
             format!(
                 "no space left: could not append a row to `{}`: No space left on device (os error 28)\n\
-                 hint: free some and `rondo resume`; the last checkpoint is intact",
+                 hint: free disk space, then run `rondo resume`; the last checkpoint is intact",
                 folder.path().display()
             )
         );

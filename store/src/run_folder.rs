@@ -17,7 +17,7 @@ const RESULT: &str = "result.json";
 const EPOCH: &str = "epoch";
 const LOG: &str = "log.jsonl";
 
-/// How the folders start into which a role's old state is moved.
+/// Prefix of the folders to which a role's old state is moved.
 const SET_ASIDE: &str = "set-aside-";
 
 /// A folder that holds a run's `config.toml`.
@@ -33,7 +33,7 @@ impl RunFolder {
     /// The folder is closed to other users (mode 0700): the local bus has its sockets in it.
     ///
     /// # Errors
-    /// [`Error::Exists`] if anything is in the folder, also if another process is quicker.
+    /// [`Error::Exists`] if the folder is not empty, also if another process was faster.
     pub fn create(path: impl AsRef<Path>, config_toml: &str) -> Result<Self, Error> {
         let path = path.as_ref();
         if is_vacant(path, |_| false)? && files::place(&path.join(CONFIG), config_toml.as_bytes())? {
@@ -56,15 +56,15 @@ impl RunFolder {
         }
     }
 
-    /// For a role that is started alone: the first to come creates the folder, the others must
-    /// bring the same configuration, byte for byte. Any number of roles may call this at once.
+    /// For a role that is started alone. The first role creates the folder; the others need the same configuration,
+    /// byte for byte. Any number of roles may call this at once.
     ///
     /// # Errors
     /// [`Error::OtherConfig`] with the first line that differs; [`Error::NotARun`] if the folder
-    /// holds something, but no run.
+    /// is not empty and holds no run.
     pub fn create_or_open(path: impl AsRef<Path>, config_toml: &str) -> Result<Self, Error> {
         let path = path.as_ref();
-        // The folder of a role may be there before: a role of another make, or a person, created it.
+        // The folder of a role may already exist: a foreign program or a person created it.
         if is_vacant(path, |name| role_order(name).is_some())? {
             files::place(&path.join(CONFIG), config_toml.as_bytes())?;
         }
@@ -73,8 +73,8 @@ impl RunFolder {
         Ok(run)
     }
 
-    /// Replaces the configuration, for a run that goes on with a larger budget, for instance. Whether the change is
-    /// one that a run may make is the caller's question.
+    /// Replaces the configuration, for instance of a run that resumes with a larger budget. The caller checks that the
+    /// change is allowed.
     pub fn replace_config(&mut self, config_toml: &str) -> Result<(), Error> {
         files::replace(&self.path.join(CONFIG), config_toml.as_bytes())?;
         config_toml.clone_into(&mut self.config_toml);
@@ -115,7 +115,7 @@ impl RunFolder {
         Ok(roles)
     }
 
-    /// Puts a file that belongs to the whole run beside `config.toml`, in one step.
+    /// Writes a file of the whole run beside `config.toml`, in one step.
     pub fn keep(&self, name: &str, bytes: &[u8]) -> Result<(), Error> {
         files::replace(&self.path.join(name), bytes).map(|_| ())
     }
@@ -133,7 +133,7 @@ impl RunFolder {
         let (mut theirs, mut ours, mut line) = (self.config_toml.split('\n'), ours.split('\n'), 1);
         loop {
             let (a, b) = (theirs.next(), ours.next());
-            // Two `None` cannot come first, for the texts differ; should they, this still ends.
+            // The texts differ, so a difference comes before both have ended. If not, this still ends.
             if a != b || a.is_none() {
                 let path = self.path.clone();
                 return Err(Error::OtherConfig {
@@ -175,13 +175,13 @@ impl RoleFolder {
         &self.path
     }
 
-    /// Opens `metrics.jsonl` for appending behind `keep`, the position stored in the checkpoint
-    /// that the role starts from; [`Position::START`] for a fresh start. Later rows are cut off,
-    /// and the role's TensorBoard file is written again from the rows that are kept.
+    /// Opens `metrics.jsonl` for appending after `keep`, the position in the checkpoint that the role resumes from;
+    /// [`Position::START`] for a new run. Later rows are cut off, and the role's TensorBoard file is written again from
+    /// the rows that are kept.
     ///
     /// # Errors
-    /// [`Error::ShortMetrics`] or [`Error::DamagedMetrics`] if the rows that the checkpoint counts
-    /// on are not there; nothing is cut off then.
+    /// [`Error::ShortMetrics`] or [`Error::DamagedMetrics`] if rows up to `keep` are missing or damaged; nothing is cut
+    /// off then.
     pub fn metrics(&self, keep: Position) -> Result<MetricsWriter, Error> {
         MetricsWriter::open(&self.metrics_path(), &self.tensorboard, keep)
     }
@@ -190,17 +190,16 @@ impl RoleFolder {
         Checkpoints::new(self.path.join("checkpoints"))
     }
 
-    /// Opens the role's `replay/` for appending behind the first `position` records, the position
-    /// stored in the checkpoint that the role starts from; 0 for a fresh start. Later ones are cut off.
+    /// Opens the role's `replay/` for appending after the first `position` records, the number in the checkpoint that
+    /// the role resumes from; 0 for a new run. Later records are cut off.
     ///
     /// # Errors
-    /// [`Error::DamagedEpisodes`] if a record that was kept is missing or damaged; nothing is cut off
-    /// then.
+    /// [`Error::DamagedEpisodes`] if one of these records is missing or damaged; nothing is cut off then.
     pub fn episodes(&self, position: u64) -> Result<Episodes, Error> {
         Episodes::open(self.path.join("replay"), position)
     }
 
-    /// The configuration that this role was last given a seat with; none before its first seat.
+    /// The configuration of this role's last seat; `None` before its first.
     pub fn config_toml(&self) -> Result<Option<String>, Error> {
         let path = self.path.join(CONFIG);
         match fs::read_to_string(&path) {
@@ -210,7 +209,7 @@ impl RoleFolder {
         }
     }
 
-    /// Notes the configuration that this role's checkpoints are made with.
+    /// Stores the configuration that this role's checkpoints are made with.
     pub fn keep_config(&self, config_toml: &str) -> Result<(), Error> {
         if self.config_toml()?.as_deref() == Some(config_toml) {
             return Ok(());
@@ -218,15 +217,15 @@ impl RoleFolder {
         files::replace(&self.path.join(CONFIG), config_toml.as_bytes()).map(|_| ())
     }
 
-    /// The rounds that this role can start from, ascending: those of its checkpoints, and 0 if it had a seat
-    /// before. A folder in which this run never began holds none.
+    /// The rounds that this role can start from, ascending: those of its checkpoints, and 0 if it had a seat before.
+    /// None in a folder in which this run never began.
     pub fn held_rounds(&self) -> Result<Vec<u64>, Error> {
         let began = self.config_toml()?.map(|_| 0);
         Ok(began.into_iter().chain(self.checkpoints().rounds()?).collect())
     }
 
-    /// Moves checkpoints, metric rows and whatever else the role has written, except its log, into a new folder
-    /// below its own, and returns that folder; none if there are no checkpoints. Nothing is deleted.
+    /// Moves all files of the role except its log into a new folder below its own, and returns that folder; `None` if
+    /// there are no checkpoints. Nothing is deleted.
     pub fn set_aside(&self) -> Result<Option<PathBuf>, Error> {
         if !self.checkpoints().exist()? {
             return Ok(None);
@@ -246,10 +245,10 @@ impl RoleFolder {
         Ok(Some(aside))
     }
 
-    /// A number that no earlier start of this role has had, and at least `least`.
+    /// A number that no earlier start of this role had, and at least `least`.
     pub fn next_epoch(&self, least: u32) -> Result<u32, Error> {
         let path = self.path.join(EPOCH);
-        // A damaged file counts as none: the number of the checkpoint is the least one then.
+        // A damaged file counts as absent: the number then follows from the checkpoint.
         let last = fs::read_to_string(&path).ok().and_then(|text| text.trim().parse::<u32>().ok());
         let epoch = last.map_or(0, |last| last.wrapping_add(1)).max(least);
         files::replace(&path, format!("{epoch}\n").as_bytes())?;
@@ -272,7 +271,7 @@ impl RoleFolder {
     }
 }
 
-/// Where a role stands in a list; `None` for a name that is not a role's.
+/// The order of a role in lists; `None` for a name that is not a role's.
 fn role_order(name: &str) -> Option<(u8, u32)> {
     match name {
         "world" => Some((0, 0)),
@@ -280,21 +279,21 @@ fn role_order(name: &str) -> Option<(u8, u32)> {
         _ => {
             let digits = name.strip_prefix("agent-")?;
             let index: u32 = digits.parse().ok()?;
-            // One agent has one name: not `agent-01`, not `agent-+1`.
+            // Each agent has one name: neither `agent-01` nor `agent-+1`.
             (index.to_string() == digits).then_some((2, index))
         }
     }
 }
 
-/// Creates the folder if it is missing. If nothing is in it but unfinished files of other processes and
-/// what is `welcome`, closes it to other users and returns `true`; a folder with other things stays as it is.
+/// Creates the folder if it is missing. If it holds only unfinished files of other processes and what is `welcome`,
+/// closes it to other users and returns `true`. A folder with other files is not changed.
 fn is_vacant(path: &Path, welcome: impl Fn(&str) -> bool) -> Result<bool, Error> {
     files::ensure_folder(path)?;
     if files::names(path)?.iter().any(|name| !name.starts_with(files::WRITING) && !welcome(name)) {
         return Ok(false);
     }
     match fs::set_permissions(path, Permissions::from_mode(0o700)) {
-        // A mounted volume belongs to somebody else, and whoever mounted it decides.
+        // A mounted volume may belong to another user; its access rights stay.
         Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
             tracing::warn!(path = %path.display(), %error, "cannot close the run folder to other users");
         }
@@ -340,7 +339,7 @@ mod tests {
     #[test]
     fn a_new_run_takes_an_empty_folder_but_not_a_used_one() {
         let tmp = tempfile::tempdir().unwrap();
-        // What another process leaves that was killed before its config.toml was whole.
+        // Left by another process that was killed before its config.toml was complete.
         fs::write(tmp.path().join(".writing-x"), "na").unwrap();
         RunFolder::create(tmp.path(), CONFIG_TOML).unwrap();
         let error = RunFolder::create(tmp.path(), CONFIG_TOML).unwrap_err();
@@ -348,8 +347,8 @@ mod tests {
         assert_eq!(
             error.to_string(),
             format!(
-                "`{path}` exists and is not empty, a new run needs a folder of its own\nhint: go on with the \
-                 run that is there by `rondo resume {path}`, or choose another folder with --out"
+                "`{path}` exists and is not empty, a new run needs a new folder\nhint: continue that \
+                 run with `rondo resume {path}`, or choose another folder with --out"
             )
         );
         assert!(error.is_config() && !error.is_io());

@@ -1,5 +1,5 @@
-//! TensorBoard's event files, written by hand: a few fields of two protobuf messages in TFRecord
-//! frames. Nothing reads them back but TensorBoard, so they may hold the time.
+//! TensorBoard's event files, written by hand: a few fields of two protobuf messages in TFRecord frames. They may hold
+//! times, because only TensorBoard reads them.
 //!
 //! ```text
 //! record  = u64 length, u32 masked_crc(length), bytes, u32 masked_crc(bytes)     little-endian
@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use crate::{files, Error};
 
-/// What TensorBoard looks for in a name.
+/// TensorBoard searches for files with this in their names.
 const FILE_NAME: &str = "events.out.tfevents";
 
 /// The event file of one role.
@@ -26,8 +26,8 @@ pub(crate) struct EventFile {
 }
 
 impl EventFile {
-    /// Starts a new file with the rows that are kept, and removes the role's older ones. Its name
-    /// sorts behind theirs, so a TensorBoard that is running moves on to it. `now` is since 1970.
+    /// Starts a new file with the rows that are kept, and removes the role's older files. Its name sorts after theirs,
+    /// so a running TensorBoard continues with it. `now` is since 1970.
     pub(crate) fn start<'a, S>(
         folder: &Path,
         now: Duration,
@@ -111,7 +111,7 @@ fn put_float(out: &mut Vec<u8>, field: u8, number: f32) {
     out.extend(number.to_le_bytes());
 }
 
-/// Seven bits a byte, lowest first; the top bit says that more follow.
+/// Seven bits per byte, lowest first; the top bit marks that more follow.
 fn varint(out: &mut Vec<u8>, mut number: u64) {
     while number >= 0x80 {
         out.push(number as u8 | 0x80);
@@ -130,7 +130,7 @@ fn record(data: &[u8]) -> Vec<u8> {
     record
 }
 
-/// TFRecord's mask: the checksum of bytes that hold their own checksum would be weak.
+/// TFRecord's mask, for checksums of bytes that contain checksums.
 fn masked(crc: u32) -> u32 {
     crc.rotate_right(15).wrapping_add(0xa282_ead8)
 }
@@ -161,7 +161,7 @@ const TABLE: [u32; 256] = {
 pub(crate) mod tests {
     use super::*;
 
-    /// A field of a message as it stands in the bytes.
+    /// A field of an encoded message.
     #[derive(Debug, PartialEq)]
     enum Field<'a> {
         Number(u64),

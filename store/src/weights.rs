@@ -7,15 +7,15 @@ use safetensors::{Dtype, SafeTensors, View};
 /// One array of a role's state: a weight, a moment of the optimiser, a running statistic.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tensor {
-    /// Such as `actor.fc1.weight`; what starts with `adam.` is not part of the digest.
+    /// Such as `actor.fc1.weight`. Names that start with `adam.` are not part of the digest.
     pub name: String,
     pub shape: Vec<usize>,
-    /// Row-major, as many as the product of `shape`.
+    /// Row-major; the product of `shape` is their number.
     pub data: Vec<f32>,
 }
 
 impl Tensor {
-    /// The elements as they stand in files and digests: little-endian.
+    /// The elements in files and digests: little-endian.
     pub(crate) fn bytes(&self) -> Vec<u8> {
         let mut bytes = vec![0; 4 * self.data.len()];
         for (bytes, number) in bytes.chunks_exact_mut(4).zip(&self.data) {
@@ -25,10 +25,10 @@ impl Tensor {
     }
 }
 
-/// The same bytes for the same tensors, in whatever order they come.
+/// The same bytes for the same tensors in any order.
 ///
 /// # Errors
-/// Says which tensor has a name or shape that cannot be stored.
+/// Names the tensor whose name or shape cannot be stored.
 pub(crate) fn encode(tensors: &[Tensor]) -> Result<Vec<u8>, String> {
     let mut names: Vec<&str> = tensors.iter().map(|tensor| tensor.name.as_str()).collect();
     names.sort_unstable();

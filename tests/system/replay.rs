@@ -108,12 +108,12 @@ fn an_agent_goes_back_to_the_checkpoint_before_and_to_the_buffer_of_that_time() 
     let bytes = fs::read(&weights).expect("weights");
     fs::write(&weights, &bytes[..bytes.len() - 100]).expect("written");
     let ended = cluster.resume("run").succeeds();
-    assert!(ended.stderr.contains("left out a damaged checkpoint"), "{ended:#?}");
+    assert!(ended.stderr.contains("skipped a damaged checkpoint"), "{ended:#?}");
     assert_eq!(cluster.digest("run"), undisturbed());
 }
 
-/// All that a run counts on when it goes on (every start has an epoch of its own): its configuration, and each role's checkpoints, rows and
-/// experience.
+/// All that a run counts on when it goes on (every start has an epoch of its own): its configuration, and each role's
+/// checkpoints, rows and experience.
 fn kept(run: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut folders = vec![run.to_owned()];
@@ -153,7 +153,7 @@ fn damaged_experience_is_refused_and_left_as_it_is() {
     let cut = whole.len() - 10;
     let of_file = |problem: String| {
         let path = file.display();
-        format!("error: agent-1: `{path}` does not hold the experience that the learner counts on: {problem}")
+        format!("error: agent-1: `{path}` lacks episodes that the learner needs: {problem}")
     };
     let damages = [
         (Some(flipped), of_file(format!("record {last}, at byte "))),
@@ -161,7 +161,7 @@ fn damaged_experience_is_refused_and_left_as_it_is() {
             Some(whole[..cut].to_vec()),
             of_file(format!("it ends before or within record {last}, at byte {cut}")),
         ),
-        (None, format!("none of the {remembered} records is there")),
+        (None, format!("none of the {remembered} records exists")),
     ];
     for (bytes, says) in damages {
         match bytes {

@@ -96,7 +96,8 @@ fn the_critic_is_shown_the_observation_alone_whatever_the_actor_is_shown() {
             assert_eq!(rows(&format!("{critic}.fc1.weight")), Some(9), "{critic}");
         }
     }
-    // A checkpoint of another shape is refused in words, such as one from when the critic was shown as much as the actor.
+    // A checkpoint of another shape is refused in words, such as one from when the critic was shown as much as the
+    // actor.
     let (mut learner, mut old) = of(true, false);
     for tensor in
         old.tensors.iter_mut().filter(|t| t.name.contains("critic") && t.name.ends_with("fc1.weight"))

@@ -77,7 +77,8 @@ pub struct Transition {
 }
 
 impl Part {
-    /// Lays out part number `part`. `time_limit_is_terminal`: the end by the step limit counts as one (algorithms §3.4).
+    /// Lays out part number `part`. `time_limit_is_terminal`: the end by the step limit counts as one (algorithms
+    /// §3.4).
     pub fn fill(
         &mut self,
         batch: &Batch,

@@ -97,7 +97,8 @@ fn foraging_ids_of_every_release_mean_the_same_levels_sizes_and_limits() {
     let whole_or_2 = |side| vec![2, side];
     let every = |side| (1..=side).collect();
     assert_eq!(foraging(Rules::V0, 4, 9, whole_or_2, Foraging::check), (1_620, 1_620)); // 1.0.14
-                                                                                        // 1.0.15: on 5x5, 17 to 19 players find no place.
+                                                                                        // 1.0.15: on 5x5, 17 to 19
+                                                                                        // players find no place.
     assert_eq!(foraging(Rules::V1, 19, 9, whole_or_2, Foraging::check), (9_720, 9_720 - 3 * 9 * 2 * 2));
     assert_eq!(foraging(Rules::V2, 19, 9, whole_or_2, Foraging::check), (9_720, 9_720)); // 1.0.16
     assert_eq!(foraging(Rules::V2, 19, 9, every, Foraging::check), (58_320, 58_320)); // 1.1.1

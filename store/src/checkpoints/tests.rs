@@ -1,4 +1,4 @@
-//! Kills, cuts and flipped bits: a checkpoint is whole, or the one before is used.
+//! Kills, cut files and flipped bits: a checkpoint is complete, or the one before is used.
 
 use std::os::unix::fs::FileExt;
 
@@ -140,7 +140,7 @@ fn the_round_before_is_used_when_a_file_is_missing_or_cut() {
         let file = fs::OpenOptions::new().write(true).open(role.file(20, name)).unwrap();
         for length in (0..bytes.len()).rev() {
             file.set_len(length as u64).unwrap();
-            // Without its last newline the manifest says all it has to say.
+            // Without its last newline the manifest is still complete.
             let whole: &[u64] = if name == MANIFEST && length + 1 == bytes.len() { &[10, 20] } else { &[10] };
             assert_eq!(role.rounds(), whole, "{name} cut to {length} bytes");
         }
@@ -156,7 +156,7 @@ fn every_flipped_bit_is_detected() {
     let role = Role::with(&[10, 20]);
     for name in [MANIFEST, STATE, WEIGHTS] {
         let bytes = fs::read(role.file(20, name)).unwrap();
-        // In place, because some file systems take a millisecond to rewrite a whole file.
+        // In place: some file systems take a millisecond to rewrite a whole file.
         let file = fs::OpenOptions::new().write(true).open(role.file(20, name)).unwrap();
         for (i, byte) in bytes.into_iter().enumerate() {
             for bit in 0..8 {

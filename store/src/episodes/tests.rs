@@ -140,7 +140,7 @@ fn what_nobody_needs_is_removed_by_whole_segments_only() {
     assert_eq!(
         episodes.require(3).unwrap_err().to_string(),
         format!(
-            "`{}` does not hold the experience that the learner counts on: the records from 3 to {} are \
+            "`{}` lacks episodes that the learner needs: the records from 3 to {} are \
              missing\nhint: files were changed or lost; copy them back, or start the run again in a new folder",
             folder.display(),
             episodes.oldest() - 1
@@ -162,9 +162,9 @@ fn missing_and_damaged_records_are_refused_and_left_alone() {
         assert_eq!(files_in(tmp.path()).len(), names.len(), "nothing is removed");
         error.to_string()
     };
-    let start = format!("`{}` does not hold the experience that the learner counts on: ", path.display());
+    let start = format!("`{}` lacks episodes that the learner needs: ", path.display());
 
-    // One bit of record 1, which starts behind the header of the empty record 0.
+    // One bit of record 1, which starts after the header of the empty record 0.
     let mut damaged = whole.clone();
     damaged[40] ^= 4;
     fs::write(&path, damaged).unwrap();
@@ -197,7 +197,7 @@ fn missing_and_damaged_records_are_refused_and_left_alone() {
 
     fs::remove_dir_all(tmp.path().join("replay")).unwrap();
     let text = open(tmp.path(), 20).unwrap_err().to_string();
-    assert!(text.contains("none of the 20 records is there"), "{text}");
+    assert!(text.contains("none of the 20 records exists"), "{text}");
 }
 
 #[test]
@@ -223,8 +223,8 @@ fn a_disk_that_is_full_half_way_through_a_record_loses_no_other() {
     if std::env::var_os(LIMITED).is_some() {
         return fill_the_disk();
     }
-    // The system's limit on the size of a file stands in for the size of the disk: a write is done up to
-    // the limit, and then fails. It holds for a whole process, hence one of its own.
+    // The system's limit on the size of a file simulates a full disk: a write succeeds up to the limit and then
+    // fails. The limit applies to a whole process, hence a separate one.
     let test = "episodes::tests::a_disk_that_is_full_half_way_through_a_record_loses_no_other";
     let output = Command::new("sh")
         .args(["-c", "trap '' XFSZ; ulimit -f 8; exec \"$0\" \"$@\""])
@@ -261,7 +261,7 @@ fn fill_the_disk() {
     for number in 0..held {
         assert_eq!(episodes.read(number, &mut buffer).unwrap(), [7; 900]);
     }
-    // What still fits, fits: the file is as if nothing had happened.
+    // A record that still fits is stored as if nothing had happened.
     episodes.append(b"small").unwrap();
     assert_eq!(episodes.read(held, &mut buffer).unwrap(), b"small");
     assert_eq!(episodes.sync().unwrap(), held + 1);
