@@ -1,5 +1,5 @@
-//! Whole update calls of PPO on the kernels and on a GPU, over episodes of 50 steps: the way to the GPU and back is
-//! part of it. Needs the feature `cuda`; without it, or without a GPU, only the kernels are measured.
+//! Whole update calls of PPO on the kernels and on a GPU, over episodes of 50 steps, with the copies to and from the
+//! GPU. Needs the feature `cuda`; without a GPU only the kernels are measured.
 //!
 //! ```text
 //! cargo bench -p algos --features cuda --bench device

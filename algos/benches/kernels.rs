@@ -1,5 +1,5 @@
-//! Forward and backward passes through the networks of algorithms §1.1, beside the plain candle expression of the same,
-//! and beside matrix products alone: items are floating-point operations, so items per second compare directly.
+//! Forward and backward passes through the networks of algorithms §1.1, the same with candle's autograd, and matrix
+//! products alone. Items are floating-point operations, so items per second compare directly.
 //!
 //! ```text
 //! cargo bench -p algos
@@ -39,7 +39,7 @@ fn matrix_product(bencher: Bencher, shape: &str) {
         .bench_local(|| product(black_box(&mut c), Matrix::new(&a, m, k), Matrix::new(&b, k, n)));
 }
 
-/// One network with inputs and a gradient to go back with.
+/// One network with inputs and a gradient of its outputs.
 struct Pass {
     network: Network,
     values: Vec<f32>,
@@ -63,7 +63,7 @@ impl Pass {
         }
     }
 
-    /// Of a forward and a backward pass, which counts as two.
+    /// Operations of a forward and a backward pass, which counts as two.
     fn flops(&self) -> usize {
         let middle = if self.network.kind == Kind::Fc { 1 } else { 6 };
         6 * self.steps.rows() * (INPUTS * HIDDEN + middle * HIDDEN * HIDDEN + HIDDEN * ACTIONS)

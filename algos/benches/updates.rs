@@ -1,6 +1,6 @@
-//! Whole update calls: laying out the batch, forward and backward passes, losses, clipping and Adam. Items are the
-//! floating-point operations of the matrix products that an update call needs, and of nothing else, so items per
-//! second compare with those of `matrix_product` in the `kernels` bench, the machine's peak.
+//! Whole update calls: batch layout, forward and backward passes, losses, clipping and Adam. Items are the
+//! floating-point operations of the matrix products only, so items per second compare with those of `matrix_product`
+//! in the `kernels` bench, the machine's peak.
 //!
 //! ```text
 //! cargo bench -p algos --bench updates
@@ -60,7 +60,7 @@ impl Task {
     }
 }
 
-/// Of a forward pass of one row, and of its backward pass, which has no use for the gradient by the observation.
+/// Operations of a forward pass of one row, and of its backward pass without the gradient of the observation.
 fn flops(network: &Network) -> (usize, usize) {
     let h = network.hidden;
     let middle = if network.kind == Kind::Fc { 1 } else { 6 };

@@ -1,4 +1,4 @@
-//! A network stepping through several environment copies at once, with a recurrent state for each.
+//! A network that acts in several environment copies, with a recurrent state for each.
 
 use crate::device::Device;
 use crate::network::{ActWork, Network};
@@ -14,7 +14,7 @@ pub(crate) struct Acting {
 }
 
 impl Acting {
-    /// From now on ticks of many rows are computed there.
+    /// Computes ticks of many rows on `device` from now on.
     pub fn compute_on(&mut self, device: &Device) {
         self.work.on = device.passes();
     }

@@ -1,7 +1,7 @@
 //! Gradient clipping and Adam (β 0.9 / 0.999, ε 1e-8), one pass over a flat parameter vector.
 //!
-//! Own code because resuming a run exactly needs the moments, which candle keeps private, and because
-//! the learning rate changes from one call to the next while the moments stay (algorithms §6.4).
+//! Our own code, because resuming a run exactly needs the moments, which candle-nn's optimiser keeps private, and
+//! because the learning rate changes between update calls while the moments stay (algorithms §6.4).
 
 use crate::kernels::math::{sum_of_squares, vectorized};
 
@@ -26,8 +26,8 @@ impl Adam {
         Self { m: vec![0.0; n], v: vec![0.0; n], steps: 0 }
     }
 
-    /// The step that ends a gradient: its norm brought down to `max_norm`, then [`Adam::step`]. Gives the norm
-    /// before. With `hold_frozen` the moments too stand still at learning rate 0.
+    /// Scales a longer gradient down to the norm `max_norm`, then calls [`Adam::step`]. Returns the norm before. With
+    /// `hold_frozen` the moments do not change at learning rate 0.
     pub fn clipped_step(
         &mut self,
         parameters: &mut [f32],
@@ -45,12 +45,12 @@ impl Adam {
 
     /// One step with learning rate `lr` on `gradient * scale`.
     ///
-    /// With `lr = 0` the moments and the count advance and the parameters keep their bits.
+    /// With `lr = 0` the moments and the step count change and the parameters do not.
     pub fn step(&mut self, parameters: &mut [f32], gradient: &[f32], scale: f32, lr: f64) {
         self.steps += 1;
         let t = self.steps as f64;
         let step_size = (lr / (1.0 - f64::from(BETA_1).powf(t))) as f32;
-        // The inverse: a division for each parameter costs as much as all the rest but the root.
+        // The inverse, because a division for each parameter costs as much as all the rest but the root.
         let root_correction = (1.0 / (1.0 - f64::from(BETA_2).powf(t)).sqrt()) as f32;
         let (m, v) = (&mut self.m[..], &mut self.v[..]);
         vectorized(|| {
@@ -64,10 +64,10 @@ impl Adam {
     }
 }
 
-/// L2 norm of a gradient, and the factor that brings it down to `max_norm` (1 when it is below).
+/// L2 norm of a gradient, and the factor that scales it down to `max_norm` (1 if it is below).
 fn clip(gradient: &[f32], max_norm: f64) -> (f64, f32) {
     let norm = sum_of_squares(gradient).sqrt();
-    // The small constant is PyTorch's, kept so that clipped runs agree.
+    // The small constant is PyTorch's, so that clipped steps agree with it.
     (norm, (max_norm / (norm + 1e-6)).min(1.0) as f32)
 }
 

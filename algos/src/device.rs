@@ -1,16 +1,16 @@
-//! Where a learner computes: with this crate's kernels, or on a GPU.
+//! The device that a learner computes on: the CPU with this crate's kernels, or a GPU.
 //!
-//! The seam is [`crate::network::Network`]: forward and backward pass of a whole batch, and the forward pass of one
-//! tick when it has many rows. What lies around it (batches, losses, clipping, Adam, targets, checkpoints) is
-//! the same code on the same numbers in the host's memory, so a checkpoint made on one device goes on on another.
-//! Sums are made in another order on another device: results differ in their last bits.
+//! Only [`crate::network::Network`] differs: forward and backward pass of a whole batch, and the forward pass of a
+//! tick with many rows. Batches, losses, clipping, Adam, targets and checkpoints are the same code in the host's
+//! memory, so a checkpoint of one device can be resumed on another. Devices add in different orders, so results
+//! differ in their last bits.
 //!
-//! A GPU is reached through candle with the feature `cuda`. The arithmetic itself is in `passes.rs` and is compiled
-//! for tests too, which run it on candle's CPU device.
+//! The feature `cuda` uses a GPU through candle. The arithmetic is in `passes.rs`; tests compile it too and run it on
+//! candle's CPU device.
 
 #[cfg(any(test, feature = "cuda"))]
 mod passes;
-/// Stands in for the passes in a build that has no GPU: there is none, and nothing to call.
+/// Replaces the passes in a build without GPU support; no value of it exists.
 #[cfg(not(any(test, feature = "cuda")))]
 mod passes {
     use crate::kernels::gru::Steps;
@@ -40,8 +40,8 @@ pub(crate) use passes::Passes;
 
 use crate::parts::PartSize;
 
-/// From this many rows on a tick is computed on the GPU; below, the way there and back is taken to cost more than
-/// it saves. A guess: nobody has measured it yet.
+/// From this many rows on a tick is computed on the GPU. Below, the copies to and from it are assumed to cost more
+/// than they save. An estimate, not measured yet.
 pub const ROWS_TO_ACT_ON_GPU: usize = 1024;
 
 /// A device by name: `cpu`, `cuda` (the first GPU) or `cuda:N`.
@@ -57,26 +57,28 @@ pub enum DeviceName {
 /// A device cannot be used, or stopped working.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DeviceError {
-    /// No device is called that.
-    #[error("`{0}` is no device: expected cpu, cuda or cuda:N with the number of a GPU, for example cuda:1")]
-    Unknown(String),
-    /// The feature is missing.
+    /// Unknown name.
     #[error(
-        "`{0}` was asked for, but this build of Rondo computes on the CPU only\n\
+        "`{0}` is not a device: expected cpu, cuda or cuda:N with the number of a GPU, for example cuda:1"
+    )]
+    Unknown(String),
+    /// The build lacks the feature `cuda`.
+    #[error(
+        "`{0}` was requested, but this build of Rondo computes on the CPU only\n\
          hint: `cargo build --release --features cuda` builds one for GPUs where the CUDA toolkit is installed; \
-         or leave `--device` away"
+         or omit `--device`"
     )]
     NotBuilt(DeviceName),
     /// There is no such GPU, or no driver for it.
     #[error(
-        "`{name}` was asked for, but it cannot be used: {reason}\n\
+        "`{name}` was requested, but it cannot be used: {reason}\n\
          hint: does `nvidia-smi` list that GPU, and is its driver as new as the CUDA toolkit of this build? \
          `--device cpu` works everywhere"
     )]
     Unusable {
-        /// What was asked for.
+        /// The requested device.
         name: DeviceName,
-        /// What the driver says.
+        /// The driver's message.
         reason: String,
     },
     /// A computation failed on it.
@@ -107,7 +109,7 @@ impl fmt::Display for DeviceName {
 }
 
 impl DeviceName {
-    /// `cpu` or `cuda`: devices of one kind, on equal hardware, are expected to give equal bits.
+    /// `cpu` or `cuda`. Devices of one kind, on equal hardware, are expected to give equal bits.
     pub fn kind(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -115,7 +117,7 @@ impl DeviceName {
         }
     }
 
-    /// Whether this build can compute there at all; whether the device exists is seen in [`DeviceName::open`].
+    /// Checks that this build supports the device. [`DeviceName::open`] finds out whether it exists.
     ///
     /// # Errors
     /// [`DeviceError::NotBuilt`].
@@ -126,7 +128,7 @@ impl DeviceName {
         }
     }
 
-    /// The device itself.
+    /// Opens the device.
     ///
     /// # Errors
     /// [`DeviceError::NotBuilt`], or [`DeviceError::Unusable`] if there is no such GPU.
@@ -156,11 +158,11 @@ pub struct Device {
 /// What all passes on one device share.
 #[derive(Debug, Default)]
 pub(crate) struct Shared {
-    /// The first computation that failed, if one has: results after it are zeros, and whoever owns the learner
-    /// asks for it before anything is made of them.
+    /// The first failed computation. Results after it are zeros, so the owner of the learner checks this before it uses
+    /// them.
     failure: OnceLock<String>,
-    /// Held during a pass. Every pass ends by waiting for its result, so that what one thread has left on the
-    /// device is complete when another goes on, and cuBLAS has one user at a time.
+    /// Held during a pass. Every pass waits for its result at its end, so one thread's work is complete before
+    /// another's starts, and cuBLAS has one user at a time.
     #[cfg_attr(not(any(test, feature = "cuda")), allow(dead_code))]
     turn: Mutex<()>,
 }
@@ -172,12 +174,12 @@ impl Device {
         Self { passes: Some(Passes::on(device, shared.clone())), shared }
     }
 
-    /// What a network needs to compute here, with buffers of its own; none on the CPU.
+    /// What a network needs to compute on this device, with separate buffers; `None` on the CPU.
     pub(crate) fn passes(&self) -> Option<Passes> {
         self.passes.clone()
     }
 
-    /// How much of a batch one pass takes.
+    /// The size of a part of a batch.
     pub(crate) fn part_size(&self) -> PartSize {
         if self.passes.is_some() {
             PartSize::Gpu
@@ -186,10 +188,10 @@ impl Device {
         }
     }
 
-    /// Whether everything computed so far was computed.
+    /// The first failed computation, if any.
     ///
     /// # Errors
-    /// [`DeviceError::Failed`] with the first failure. The learner's state is then of no use.
+    /// [`DeviceError::Failed`]. The learner's state must not be used then.
     pub fn check(&self) -> Result<(), DeviceError> {
         self.shared.failure.get().map_or(Ok(()), |reason| Err(DeviceError::Failed(reason.clone())))
     }

@@ -1,14 +1,13 @@
-//! What a learner borrows from the process it runs in: a clock, and whether two things may be done at once. Neither
-//! can change a result.
+//! Services that the process gives to a learner: a clock, and threads. Neither can change a result.
 
 use serde::Serialize;
 
-/// The services of a process; the default has no clock and does one thing after the other.
+/// The services of a process. The default has no clock and no second thread.
 #[derive(Clone, Copy, Debug)]
 pub struct Host {
-    /// Seconds since some fixed moment.
+    /// Seconds since a fixed moment.
     pub clock: fn() -> f64,
-    /// Runs two things to their ends, at once or the first one first. The second may wait for the first.
+    /// Runs both to completion, in parallel or in order. The second may wait for the first.
     pub both: fn(&mut (dyn FnMut() + Send), &mut (dyn FnMut() + Send)),
 }
 
@@ -22,29 +21,29 @@ impl Default for Host {
     }
 }
 
-/// Where a learner's time went, in seconds. What was done at once counts twice.
+/// Seconds of a learner by activity. Parallel activities count twice.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Seconds {
-    /// Forward passes to act.
+    /// Forward passes for acting.
     pub acting: f64,
-    /// Choosing actions by what came out of them.
+    /// Choosing actions from their outputs.
     pub choosing: f64,
-    /// Laying out the rows of update calls.
+    /// Batch layout.
     pub layout: f64,
     /// Forward passes of update calls.
     pub forward: f64,
-    /// Losses, returns and their gradients by the networks' outputs.
+    /// Losses, returns and the gradients of the networks' outputs.
     pub loss: f64,
     /// Backward passes.
     pub backward: f64,
     /// Clipping, Adam and target networks.
     pub optimiser: f64,
-    /// Waiting for what is done at the same time.
+    /// Waiting for the other thread.
     pub waiting: f64,
 }
 
 impl Seconds {
-    /// The sums of both.
+    /// The sum of both.
     pub fn plus(self, other: Self) -> Self {
         Self {
             acting: self.acting + other.acting,

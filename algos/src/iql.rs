@@ -1,21 +1,21 @@
 //! Independent Q-learning, one learner per agent. Steps and symbols are those of algorithms §5.2.
 //!
 //! ```text
-//! q  = Q(o_0 … o_T)     q̄ = Q̄(o_0 … o_T)                     each with a recurrent state of its own, from zero
+//! q  = Q(o_0 … o_T)     q̄ = Q̄(o_0 … o_T)                     each with its own recurrent state, from zero
 //! a* = argmax over available a of q[t+1, a]                  double Q; otherwise of q̄[t+1, a]
 //! y  = r + γ (1 − term) q̄[t+1, a*]                           a constant
 //! loss = Σ m (q[t, a_t] − y)² / Σ m                          clip, Adam
 //! target update (algorithms §4.4)
 //! ```
 //!
-//! As in [`crate::ppo`] the sums run over the team in the reference, so that one agent's gradient is `1/n`
-//! of its own mean loss (algorithms §3.3), and the norm of the clip is this agent's alone.
+//! As in [`crate::ppo`] the gradient has the factor `1/n` (algorithms §3.3), and the clipped norm is that of this agent
+//! only (algorithms §6.4).
 //!
 //! The minibatch goes through the networks in parts that fit the cache; the gradients of the parts add up.
 //!
-//! Which episodes an update call learns from is the caller's choice ([`sample_distinct`]); multi-timescale
-//! learning (algorithms §6) is in the rates that it passes. Absent on purpose: a Huber loss, targets of several
-//! steps, prioritised replay, importance weights, RMSProp.
+//! The caller chooses the episodes of an update call ([`sample_distinct`], algorithms §5.1) and its learning rate, and
+//! with it the timescale (algorithms §6). Absent on purpose: a Huber loss, targets of several steps, prioritised
+//! replay, importance weights, RMSProp.
 
 mod batch;
 mod draws;
@@ -37,7 +37,7 @@ use batch::{Batch, Part};
 
 pub use draws::{epsilon, sample_distinct};
 
-/// What forbidden actions are worth in a target (algorithms §3.1). It shows only where none is allowed.
+/// Value of unavailable actions in a target (algorithms §3.1). It matters only if no action is available.
 const FORBIDDEN: f32 = -9_999_999.0;
 
 /// Hyperparameters of one learner; defaults and sources are in algorithms §5, §9.2.
@@ -57,12 +57,11 @@ pub struct Config {
     pub max_grad_norm: f64,
     /// Reward standardisation.
     pub reward_standardisation: Standardisation,
-    /// At learning rate 0 Adam's moments stand still too (`hold`) instead of following the gradient.
+    /// At learning rate 0 Adam's moments do not change (`hold`) instead of following the gradient (algorithms §6.4).
     pub hold_frozen_moments: bool,
-    /// An episode that only the step limit ended counts as terminated (algorithms §3.4): its last target is the
-    /// reward alone.
+    /// An end by the step limit counts as a termination (algorithms §3.4): the last target is the reward alone.
     pub time_limit_is_terminal: bool,
-    /// The online network chooses the action whose target value counts, instead of the target network.
+    /// The online network chooses the action of a target, not the target network.
     pub double_q: bool,
 }
 
@@ -81,7 +80,7 @@ pub struct UpdateStats {
     pub target_mean: f64,
 }
 
-/// Everything small that a checkpoint keeps beside the tensors.
+/// The part of a checkpoint that is not a tensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Counters {
     /// Update calls completed.
@@ -111,7 +110,7 @@ pub struct Iql {
     seconds: Seconds,
 }
 
-/// Buffers of an update call, kept so that none is allocated twice.
+/// Buffers of an update call, reused by the next one.
 #[derive(Clone, Debug, Default)]
 struct Work {
     batch: Batch,
@@ -124,7 +123,7 @@ struct Work {
 }
 
 impl Iql {
-    /// A fresh learner; `rng` gives the initial weights (algorithms §1.3), which the target network shares.
+    /// A new learner. `rng` draws the initial weights (algorithms §1.3); the target network starts with the same ones.
     pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
         let network =
             Network { kind: config.network, inputs: obs_size, hidden: config.hidden, outputs: n_actions };
@@ -145,20 +144,20 @@ impl Iql {
         }
     }
 
-    /// From now on the networks' passes are computed there. The caller asks [`Device::check`] before it relies on
-    /// what an update call or an action came to.
+    /// Computes the passes of the networks on `device` from now on. The caller must call [`Device::check`] before it
+    /// uses the result of an update call or an action.
     pub fn compute_on(&mut self, device: &Device) {
         self.acting.compute_on(device);
         self.work.activations.on = device.passes();
         self.work.batch.part_size = device.part_size();
     }
 
-    /// From now on the learner uses this clock.
+    /// Uses this clock from now on.
     pub fn run_on(&mut self, host: Host) {
         self.host = host;
     }
 
-    /// Where the time went so far.
+    /// Seconds so far.
     pub fn seconds(&self) -> Seconds {
         self.seconds
     }
@@ -173,10 +172,10 @@ impl Iql {
         self.acting.begin(copies, self.config.hidden);
     }
 
-    /// Chooses one allowed action for each row, ε-greedily, with a coin for every row.
+    /// Chooses one available action for each row, ε-greedily, with a separate coin for each row.
     ///
     /// Row `k` shows environment copy `copies[k]`: `obs` is `rows × obs_size`, `avail` is
-    /// `rows × n_actions`. Draws the same count of numbers from `rng` for every row, whatever `epsilon` is.
+    /// `rows × n_actions`. Draws the same number of values from `rng` for every row and every `epsilon`.
     pub fn act(
         &mut self,
         copies: &[u16],
@@ -187,7 +186,7 @@ impl Iql {
         actions: &mut Vec<u16>,
     ) {
         let n_actions = self.network.outputs;
-        // Also where chance decides: a recurrent state has to follow every observation.
+        // Also for random actions: the recurrent state has to follow every observation.
         let mut watch = Stopwatch::start(self.host);
         let out = self.acting.step(&self.network, &self.values, copies, obs);
         watch.lap(&mut self.seconds.acting);
@@ -214,7 +213,7 @@ impl Iql {
         for k in 0..batch.parts.len() {
             part.fill(batch, k, episodes, &self.network, self.config.time_limit_is_terminal);
             watch.lap(&mut seconds.layout);
-            // The target network first, so that what stays in the buffers is the pass to go back through.
+            // The target network first: the buffers must hold the online network's activations for the backward pass.
             self.network.forward(&self.target_values, &part.obs, &part.steps, to);
             std::mem::swap(&mut to.out, target_q);
             self.network.forward(&self.values, &part.obs, &part.steps, to);
@@ -240,7 +239,7 @@ impl Iql {
         saved::tensors(&self.vectors())
     }
 
-    /// The first of [`Self::tensors`] that holds a number which is infinite or NaN, with that number.
+    /// The first of [`Self::tensors`] with an infinite number or NaN, and that number.
     pub fn first_not_finite(&self) -> Option<(String, f32)> {
         saved::first_not_finite(&self.vectors())
     }
@@ -264,7 +263,7 @@ impl Iql {
         }
     }
 
-    /// Puts a saved learner back; `tensor` finds the numbers of a name.
+    /// Restores a saved learner; `tensor` returns the numbers of a name.
     ///
     /// # Errors
     /// If a tensor is missing or has another size; this learner is then unchanged.
@@ -284,11 +283,11 @@ impl Iql {
 }
 
 impl Config {
-    /// Writes the gradient of the loss by `q` into `d_q`; both are `rows × n_actions`, as `target_q` is. Adds the
-    /// part's share to `stats`. `count`: `Σ m` of the whole minibatch.
+    /// Writes the gradient of the loss with respect to `q` into `d_q`. Both are `rows × n_actions`, like `target_q`.
+    /// Adds the part's share to `stats`. `count`: `Σ m` of the whole minibatch.
     ///
     /// ```text
-    /// ∂L/∂q[t, a_t] = 2 (q − y) / (n Σ m), and nothing anywhere else
+    /// ∂L/∂q[t, a_t] = 2 (q − y) / (n Σ m), and 0 elsewhere
     /// ```
     fn temporal_differences(
         &self,

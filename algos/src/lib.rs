@@ -1,12 +1,11 @@
-//! The learners, one file per published algorithm, and the kernels they run on.
+//! The learners, one module per published algorithm, and the kernels they run on.
 //!
-//! Pure: slices of numbers go in, numbers come out. This crate does not know that processes, worlds,
-//! files or a bus exist. Every matrix is row-major `f32`; every sum has one fixed
-//! order, so that the same inputs give the same bits.
+//! Pure: the interface is slices of numbers. This crate knows no processes, worlds, files or bus; its only clock is
+//! passed in ([`host`]) and measures speed. Every matrix is row-major `f32`. Every sum has one fixed order, so the
+//! same inputs give the same bits.
 //!
-//! Reading order: [`ppo`] and [`iql`] are the algorithms; [`rollout`] is what they learn from; [`returns`],
-//! [`reward_stats`] and [`adam`] are their parts; [`network`] and [`kernels`] are the arithmetic, and
-//! [`device`] is where else it can be done.
+//! Reading order: [`ppo`] and [`iql`] are the algorithms; [`rollout`] holds their data; [`returns`], [`reward_stats`]
+//! and [`adam`] are their parts; [`network`] and [`kernels`] are the arithmetic, and [`device`] the same on a GPU.
 
 pub mod iql;
 pub mod ppo;

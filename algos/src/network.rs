@@ -12,7 +12,7 @@ use crate::kernels::gru::{Gru, GruCache, GruGradient, Steps};
 use crate::kernels::linear::{add_weight_gradient, relu_backward, Linear};
 use crate::params::{take, take_mut, Block};
 
-/// Which of the two shapes.
+/// The kind of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Two hidden ReLU layers.
@@ -26,7 +26,8 @@ pub enum Kind {
 pub struct Network {
     /// Feed-forward or recurrent.
     pub kind: Kind,
-    /// Size of an observation.
+    /// Numbers in an input row: the observation, and for a policy or Q network the additional inputs of
+    /// algorithms §1.4.
     pub inputs: usize,
     /// Hidden width, `H`.
     pub hidden: usize,
@@ -34,10 +35,10 @@ pub struct Network {
     pub outputs: usize,
 }
 
-/// Activations kept from a forward pass for its backward pass, and work space.
+/// Activations of a forward pass for its backward pass, and work space.
 #[derive(Clone, Debug, Default)]
 pub struct Activations {
-    /// Where the passes are made, if not here; they then leave nothing but `out`.
+    /// The device's passes, if not the CPU's. They fill `out` only.
     pub(crate) on: Option<Passes>,
     x: Vec<f32>,
     h: Vec<f32>,
@@ -51,7 +52,7 @@ pub struct Activations {
 /// Work space of [`Network::act`].
 #[derive(Clone, Debug, Default)]
 pub struct ActWork {
-    /// Where ticks of many rows are computed, if not here.
+    /// The device's passes for ticks of many rows, if not the CPU's.
     pub(crate) on: Option<Passes>,
     x: Vec<f32>,
     h: Vec<f32>,
@@ -83,7 +84,7 @@ impl Network {
         let mut blocks = vec![block("fc1.weight", &[i, h], i), block("fc1.bias", &[h], i)];
         blocks.extend(match self.kind {
             Kind::Fc => vec![block("fc2.weight", &[h, h], h), block("fc2.bias", &[h], h)],
-            // The input matrices too are drawn by the hidden width, as in PyTorch.
+            // The bound of the input matrices depends on the hidden width too, as in PyTorch.
             Kind::Gru => vec![
                 block("gru.weight_ih", &[h, 3 * h], h),
                 block("gru.bias_ih", &[3 * h], h),
@@ -116,7 +117,7 @@ impl Network {
         Layers { first, middle, head: Linear { weight: take(rest, h * o), bias: take(rest, o) } }
     }
 
-    /// Runs `o` (`steps.rows() × inputs`, packed by time) through the network; the result is `to.out`.
+    /// Forward pass of `o` (`steps.rows() × inputs`, packed by time); the result is `to.out`.
     pub fn forward(&self, values: &[f32], o: &[f32], steps: &Steps, to: &mut Activations) {
         if let Some(device) = &mut to.on {
             return device.forward(self, values, o, steps, &mut to.out);
@@ -136,9 +137,8 @@ impl Network {
         }
     }
 
-    /// Adds the gradient of all parameters to `gradient`, from `d_out` (`rows × outputs`), the gradient of the
-    /// loss by what the preceding [`Network::forward`] left in `from.out`. Adding, because a batch comes in
-    /// parts.
+    /// Adds the gradient of all parameters to `gradient`, because a batch comes in parts. `d_out` (`rows × outputs`) is
+    /// the gradient of the loss with respect to `from.out` of the preceding [`Network::forward`].
     pub fn backward(
         &self,
         values: &[f32],
@@ -187,7 +187,7 @@ impl Network {
     }
 
     /// One time step for `rows` rows while acting; the result is `work.out`. `state` (`rows × H`) is
-    /// advanced by a recurrent network and ignored by a feed-forward one.
+    /// updated by a recurrent network and ignored by a feed-forward one.
     pub fn act(&self, values: &[f32], o: &[f32], rows: usize, state: &mut [f32], work: &mut ActWork) {
         if let Some(device) = work.on.as_ref().filter(|_| rows >= ROWS_TO_ACT_ON_GPU) {
             return device.act(self, values, o, rows, state, &mut work.out);

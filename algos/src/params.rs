@@ -1,6 +1,6 @@
 //! The parameters of a network as one flat vector, and the names and shapes inside it.
 //!
-//! One vector, because clipping and Adam then are one pass each; gradients and moments share the layout.
+//! With one vector, clipping and Adam are one pass each. Gradients and moments have the same layout.
 
 use rand::Rng;
 
@@ -16,12 +16,12 @@ pub struct Block {
 }
 
 impl Block {
-    /// Count of numbers.
+    /// Number of elements.
     pub fn len(&self) -> usize {
         self.shape.iter().product()
     }
 
-    /// True for a tensor without numbers.
+    /// True for a tensor without elements.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -36,7 +36,7 @@ pub fn initial(blocks: &[Block], rng: &mut impl Rng) -> Vec<f32> {
     values
 }
 
-/// Cuts the next `n` numbers off the front of `rest`.
+/// Removes the first `n` numbers from `rest` and returns them.
 pub(crate) fn take<'a>(rest: &mut &'a [f32], n: usize) -> &'a [f32] {
     let (head, tail) = rest.split_at(n);
     *rest = tail;

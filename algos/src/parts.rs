@@ -1,22 +1,22 @@
-//! A batch in parts that go through the networks one after the other, so that memory for activations is that of
-//! one part however many episodes there are, and stays in the cache.
+//! Splits a batch into parts that go through the networks one after another. The memory for activations is that of
+//! one part, for any number of episodes, and stays in the cache.
 
 use std::ops::Range;
 
 use crate::network::Kind;
 
-/// A part of a feed-forward batch has no more rows, unless a single episode has: what both passes then touch
-/// fits the second-level cache.
+/// Most rows in a part of a feed-forward batch, unless one episode has more. The data of both passes then fits the
+/// second-level cache.
 const ROWS: usize = 512;
 
-/// A part of a recurrent batch has no more episodes: enough rows of one time step for fast products.
+/// Most episodes in a part of a recurrent batch: enough rows in one time step for fast products.
 const EPISODES: usize = 16;
 
-/// A part for a GPU has no more rows, unless a single episode has: as many as it takes to keep one busy, and with
-/// networks 128 wide about a gigabyte of activations.
+/// Most rows in a part for a GPU, unless one episode has more: enough to keep it busy, and about a gigabyte of
+/// activations with networks 128 wide.
 const ROWS_ON_GPU: usize = 65_536;
 
-/// What a part has to fit.
+/// What the size of a part is chosen for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum PartSize {
     /// A processor's cache.
@@ -26,8 +26,8 @@ pub(crate) enum PartSize {
     Gpu,
 }
 
-/// Which of the episodes that have `rows` rows each, in this order, make up each part. Depends on nothing else,
-/// because the parts fix the order of summation.
+/// The ranges of episodes of each part, where `rows` are the rows of each episode. Depends on nothing else, because
+/// the parts determine the order of summation.
 pub(crate) fn parts(kind: Kind, rows: &[usize], size: PartSize) -> Vec<Range<usize>> {
     let fits = |part: &Range<usize>, next: usize| {
         let rows_with_next = || rows[part.start..=next].iter().sum::<usize>();

@@ -11,16 +11,16 @@
 //! target critic update (algorithms §4.4)
 //! ```
 //!
-//! The sums run over the team in the reference, so that one agent's gradient is `1/n` of its own mean
-//! loss (algorithms §3.3); the factor is kept because it matters for the clip, whose norm is this agent's alone
-//! (`clip_scope = per_agent`): agents never see each other's gradients.
+//! The reference sums over the team, so one agent's gradient is `1/n` of that of its own mean loss (algorithms §3.3).
+//! The factor is kept because it matters for the clip. The clipped norm is that of this agent only
+//! (`clip_scope = per_agent`, algorithms §6.4), because agents never see each other's gradients.
 //!
-//! The batch goes through the networks in parts that fit the cache. Gradients add up over the parts of an epoch, so
-//! that these are no minibatches. The critic does not depend on the actor, so both may learn at the same time.
+//! The batch goes through the networks in parts that fit the cache. This is not minibatching: gradients add up over
+//! the parts of an epoch. The critic does not depend on the actor, so both may learn at the same time.
 //!
-//! Multi-timescale learning (algorithms §6) is no other algorithm: the caller passes this call's learning rates,
-//! and Adam's moments are kept when they change. Absent on purpose: GAE, advantage normalisation,
-//! minibatches, value clipping, early stopping, rate decay.
+//! Multi-timescale learning (algorithms §6) needs no other algorithm: the caller passes the learning rate of this
+//! call, and Adam's moments stay when it changes. Absent on purpose: GAE, advantage normalisation, minibatches, value
+//! clipping, early stopping, rate decay.
 
 mod actor;
 mod batch;
@@ -68,9 +68,9 @@ pub struct Config {
     pub n_step: usize,
     /// Above 1: a hard copy every that many update calls. Otherwise Polyak's τ.
     pub target_update: f64,
-    /// Largest L2 norm of actor's and critic's gradient, each.
+    /// Largest L2 norm of the actor's and of the critic's gradient.
     pub max_grad_norm: f64,
-    /// What a return does at the end of the batch.
+    /// The rule at the end of the batch (algorithms §4.3).
     pub end_of_batch: EndOfBatch,
     /// Reward standardisation.
     pub reward_standardisation: Standardisation,
@@ -99,7 +99,7 @@ pub struct UpdateStats {
     pub target_mean: f64,
 }
 
-/// Everything small that a checkpoint keeps beside the tensors.
+/// The part of a checkpoint that is not a tensor.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Counters {
     /// Update calls completed.
@@ -114,12 +114,12 @@ pub struct Counters {
     pub reward_stats: RewardStats,
 }
 
-/// How probabilities become an action.
+/// How an action is chosen from probabilities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Choice {
-    /// By chance, as in training.
+    /// Sampled, as in training.
     Sample,
-    /// The most probable one, the lowest of equals.
+    /// The most probable action, the lowest of equals.
     Greedy,
 }
 
@@ -137,12 +137,12 @@ pub struct Ppo {
 }
 
 impl Ppo {
-    /// A fresh learner; `rng` gives the initial weights of the actor, then of the critic (algorithms §1.3).
+    /// A new learner. `rng` draws the initial weights of the actor, then of the critic (algorithms §1.3).
     pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
         Self::with_extra_inputs(config, (obs_size, 0), n_actions, rng)
     }
 
-    /// The same; the actor is shown `extra` numbers after each observation, which the critic is not (algorithms §1.4).
+    /// The same, with `extra` numbers after each observation, for the actor only (algorithms §1.2, §1.4).
     pub fn with_extra_inputs(
         config: Config,
         (obs_size, extra): (usize, usize),
@@ -164,8 +164,8 @@ impl Ppo {
         }
     }
 
-    /// From now on the networks' passes are computed there. The caller asks [`Device::check`] before it relies on
-    /// what an update call or an action came to.
+    /// Computes the passes of the networks on `device` from now on. The caller must call [`Device::check`] before it
+    /// uses the result of an update call or an action.
     pub fn compute_on(&mut self, device: &Device) {
         self.acting.compute_on(device);
         self.actor.compute_on(device);
@@ -173,12 +173,12 @@ impl Ppo {
         self.batch.part_size = device.part_size();
     }
 
-    /// From now on the learner uses this clock, and lets actor and critic learn at once if `host` does so.
+    /// Uses this clock from now on, and lets actor and critic learn in parallel if `host` does.
     pub fn run_on(&mut self, host: Host) {
         self.host = host;
     }
 
-    /// Where the time went so far.
+    /// Seconds so far.
     pub fn seconds(&self) -> Seconds {
         self.actor.seconds.plus(self.critic.seconds)
     }
@@ -193,7 +193,7 @@ impl Ppo {
         self.acting.begin(copies, self.config.hidden);
     }
 
-    /// Chooses one action for each row by the policy, which gives forbidden ones probability zero.
+    /// Chooses one action for each row from the policy, which gives unavailable actions the probability 0.
     ///
     /// Row `k` shows environment copy `copies[k]`: `obs` is `rows × obs_size`, `avail` is
     /// `rows × n_actions`. Draws exactly one number per row from `rng`.
@@ -234,7 +234,7 @@ impl Ppo {
         reward_stats.standardise(config.reward_standardisation, &mut batch.rewards);
         critic.compute_returns(config, batch, episodes, *host);
 
-        // The critic learns from returns alone, so it need not wait for the actor; the actor waits for A.
+        // The critic needs returns only and does not wait for the actor. The actor waits for A.
         let (config, batch, host) = (&*config, &*batch, *host);
         let (advantages, from_critic) = mpsc::channel();
         let (mut of_critic, mut of_actor) = (UpdateStats::default(), UpdateStats::default());
@@ -258,7 +258,7 @@ impl Ppo {
         saved::tensors(&self.vectors())
     }
 
-    /// The first of [`Self::tensors`] that holds a number which is infinite or NaN, with that number.
+    /// The first of [`Self::tensors`] with an infinite number or NaN, and that number.
     pub fn first_not_finite(&self) -> Option<(String, f32)> {
         saved::first_not_finite(&self.vectors())
     }
@@ -287,7 +287,7 @@ impl Ppo {
         }
     }
 
-    /// Puts a saved learner back; `tensor` finds the numbers of a name.
+    /// Restores a saved learner; `tensor` returns the numbers of a name.
     ///
     /// # Errors
     /// If a tensor is missing or has another size; this learner is then unchanged.

@@ -1,4 +1,4 @@
-//! n-step returns exactly as the reference computes them, and three variants (algorithms §4.3).
+//! n-step returns by the rule of the reference, and by three other rules (algorithms §4.3).
 //!
 //! ```text
 //! K    = min(N, T − t)
@@ -7,11 +7,10 @@
 //!        + γ^{T−t}        V̄(o_T)         if t + N ≥ T        (no mask, no termination test)
 //! ```
 //!
-//! `T` is the length of the longest episode of the batch, so in a shorter one the last line reads the
-//! value of the all-zero padding observation: a leak of the reference, kept in `Epymarl`, absent from
-//! `Correct`.
+//! `T` is the length of the longest episode of the batch. In a shorter episode the last line uses the value of the
+//! all-zero padding observation: a leak of the reference, which `Epymarl` has and `Correct` does not.
 
-/// What a window does that reaches the end of the batch.
+/// What a window adds that reaches the end of the batch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EndOfBatch {
     /// The rule above.
@@ -20,7 +19,7 @@ pub enum EndOfBatch {
     NoBootstrap,
     /// The window stops at slot `T − 1` and takes its value in place of its reward.
     Benchmark2021,
-    /// Every episode by itself: bootstrap at a step limit, not at a termination.
+    /// Every episode by itself: a bootstrap at a step limit, none at a termination.
     Correct,
 }
 
@@ -33,11 +32,11 @@ pub struct Episode<'a> {
     pub values: &'a [f32],
     /// Steps taken, `L ≤ T`; the mask is 1 exactly for `t < L`.
     pub length: usize,
-    /// The step limit ended it (only `Correct` looks at this).
+    /// The step limit ended it. Only `Correct` uses this.
     pub time_limit: bool,
 }
 
-/// Writes `G[0..length]` of one episode; slots after its end contribute to no loss and are not written.
+/// Writes `G[0..length]` of one episode. Slots after its end are not part of any loss and are not written.
 pub fn n_step_returns(episode: &Episode, n: usize, gamma: f32, rule: EndOfBatch, out: &mut [f32]) {
     let length = episode.length;
     let batch_length = episode.rewards.len();
@@ -136,8 +135,8 @@ mod tests {
         n_step_returns(&episode, 1, 0.9, EndOfBatch::Epymarl, &mut out);
         assert_close(&out, &[19.0, 27.0, 38.0, 48.0]);
     }
-    /// Two foraging episodes that end with the last food, worth 1, after 6 and 4 steps; the target critic says 0.9
-    /// everywhere, the padding included.
+    /// Two foraging episodes that end with the last food, worth 1, after 6 and 4 steps. The target critic's value is
+    /// 0.9 everywhere, padding included.
     fn ended_by_the_last_food(rule: EndOfBatch, length: usize) -> Vec<f32> {
         let mut rewards = [0.0; 6];
         rewards[length - 1] = 1.0;

@@ -1,17 +1,17 @@
-//! Reward standardisation (algorithms §2.6): running statistics, or those of the batch alone.
+//! Reward standardisation (algorithms §2.6): with running statistics, or with those of the batch.
 
-/// Which statistics.
+/// The statistics to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Standardisation {
-    /// Rewards as they come.
+    /// None: rewards stay as they are.
     Off,
     /// Statistics over all rewards that ever entered an update call.
     Running,
-    /// The batch's own, divided by its standard deviation plus 1e-5, as in the 2021 benchmark.
+    /// Statistics of the batch, with 1e-5 added to the standard deviation, as in the 2021 benchmark.
     Batch,
 }
 
-/// Running mean and variance of the team reward; part of a checkpoint.
+/// Running mean and variance of the rewards; part of a checkpoint.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct RewardStats {
     mean: f64,
@@ -26,10 +26,10 @@ impl Default for RewardStats {
 }
 
 impl RewardStats {
-    /// Standardises `rewards` in place: **all** `B·T` slots of the batch, the zeros of padded ones too.
+    /// Standardises `rewards` in place: **all** `B·T` slots of the batch, also the zeros after the end of episodes.
     pub fn standardise(&mut self, rule: Standardisation, rewards: &mut [f32]) {
         let k = rewards.len() as f64;
-        // A single reward has no variance, and an empty batch no mean.
+        // A single reward has no variance, an empty batch no mean.
         if rule == Standardisation::Off || rewards.len() < 2 {
             return;
         }

@@ -1,27 +1,28 @@
-//! The episodes of one round as one agent saw them.
+//! The episodes of one round, as one agent saw them.
 
-/// Why an episode is over, if it is.
+/// Whether and how an episode has ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum End {
-    /// It is not.
+    /// It has not.
     #[default]
     Running,
     /// The world ended it.
     Terminated,
-    /// Only the step limit did.
+    /// The step limit ended it.
     TimeLimit,
 }
 
 /// One episode of `L` actions.
 #[derive(Clone, Debug, Default)]
 pub struct Episode {
-    /// `(L + 1) × obs_size`: the final observation is included.
+    /// `(L + 1) × inputs`, the final one included: observations, with the additional inputs of algorithms §1.4 if
+    /// configured.
     pub obs: Vec<f32>,
-    /// `(L + 1) × n_actions`, 1 where the action is allowed.
+    /// `(L + 1) × n_actions`, 1 where the action is available.
     pub avail: Vec<u8>,
     /// `L` actions.
     pub actions: Vec<u16>,
-    /// `L` team rewards.
+    /// `L` rewards: the team's or the agent's own (algorithms §2.5).
     pub rewards: Vec<f32>,
     /// How it ended.
     pub end: End,
@@ -38,20 +39,20 @@ impl Episode {
         self.actions.is_empty()
     }
 
-    /// Sum of the team rewards.
+    /// Sum of the rewards.
     pub fn episode_return(&self) -> f64 {
         self.rewards.iter().map(|&r| f64::from(r)).sum()
     }
 }
 
-/// One episode for each environment copy. Buffers are kept from round to round.
+/// One episode for each environment copy. Rounds reuse the buffers.
 #[derive(Clone, Debug, Default)]
 pub struct Rollout {
     episodes: Vec<Episode>,
 }
 
 impl Rollout {
-    /// Forgets the last round and makes room for `copies` episodes.
+    /// Removes the last round and starts `copies` episodes.
     pub fn begin(&mut self, copies: usize) {
         self.episodes.resize_with(copies, Episode::default);
         for episode in &mut self.episodes {
@@ -63,19 +64,19 @@ impl Rollout {
         }
     }
 
-    /// What copy `copy` shows before the next action, or finally.
+    /// Adds the observation of copy `copy`: before the next action, or the final one.
     pub fn observe(&mut self, copy: usize, obs: &[f32], avail: &[u8]) {
         let episode = &mut self.episodes[copy];
         episode.obs.extend_from_slice(obs);
         episode.avail.extend_from_slice(avail);
     }
 
-    /// The action chosen in copy `copy`.
+    /// Adds the action chosen in copy `copy`.
     pub fn act(&mut self, copy: usize, action: u16) {
         self.episodes[copy].actions.push(action);
     }
 
-    /// What the last action in copy `copy` earned and whether it ended the episode.
+    /// Adds the reward of the last action in copy `copy`, and whether it ended the episode.
     pub fn outcome(&mut self, copy: usize, reward: f32, end: End) {
         let episode = &mut self.episodes[copy];
         episode.rewards.push(reward);

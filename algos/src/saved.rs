@@ -1,4 +1,4 @@
-//! What a learner gives to a checkpoint and takes back from one: its vectors as named tensors.
+//! A learner's vectors as the named tensors of a checkpoint, and back.
 
 use crate::kernels::math::all_finite;
 use crate::network::Network;
@@ -10,7 +10,7 @@ pub type NamedTensor<'a> = (String, Vec<usize>, &'a [f32]);
 /// A saved learner does not fit this one.
 #[derive(Debug, thiserror::Error, PartialEq)]
 pub enum RestoreError {
-    /// A tensor is not there.
+    /// A tensor is missing.
     #[error("the checkpoint has no tensor `{0}`; it was written by a learner of another kind")]
     Missing(String),
     /// A tensor has another size.
@@ -25,7 +25,7 @@ pub enum RestoreError {
     },
 }
 
-/// A vector with the layout of a network's parameters, and the first part of its tensors' names.
+/// A vector with the layout of a network's parameters, with the prefix of its tensors' names.
 pub(crate) type Vector<'a> = (&'static str, &'a Network, &'a [f32]);
 
 /// All tensors of `vectors`, in order; those of `critic` are called `critic.fc1.weight` and so on.
@@ -41,7 +41,7 @@ pub(crate) fn tensors<'a>(vectors: &[Vector<'a>]) -> Vec<NamedTensor<'a>> {
     tensors
 }
 
-/// The first tensor that holds a number which is infinite or NaN, with that number.
+/// The first tensor with an infinite number or NaN, and that number.
 pub(crate) fn first_not_finite(vectors: &[Vector]) -> Option<(String, f32)> {
     let bad = vectors.iter().position(|(_, _, values)| !all_finite(values))?;
     let of_bad = tensors(&vectors[bad..=bad]).into_iter();
@@ -49,7 +49,7 @@ pub(crate) fn first_not_finite(vectors: &[Vector]) -> Option<(String, f32)> {
     numbers.find(|(_, x)| !x.is_finite())
 }
 
-/// The saved counterparts of `vectors`, in order; `tensor` finds the numbers of a name.
+/// The saved numbers of `vectors`, in order; `tensor` returns the numbers of a name.
 ///
 /// # Errors
 /// If a tensor is missing or has another size.

@@ -1,10 +1,9 @@
-//! When and how a target network follows the one that learns (algorithms §4.4).
+//! The update of a target network (algorithms §4.4).
 
-/// Brings `target` up to date after update call number `update_calls`, counted from 1.
+/// Updates `target` after update call number `update_calls`, counted from 1.
 ///
-/// `rule` above 1: a hard copy every that many update calls, the last of which `last_copy` remembers.
-/// Otherwise Polyak's τ, in every call. The counter is update calls, not gradient steps, and the
-/// learning rate plays no part.
+/// `rule` above 1: a hard copy every that many update calls; `last_copy` is the update call of the last one.
+/// Otherwise Polyak's τ, in every call. Update calls count, not gradient steps. The learning rate has no influence.
 pub(crate) fn update(rule: f64, update_calls: u64, last_copy: &mut u64, target: &mut [f32], values: &[f32]) {
     if rule > 1.0 {
         if (update_calls - *last_copy) as f64 >= rule {

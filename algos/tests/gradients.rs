@@ -6,15 +6,15 @@ use algos::params::initial;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// `Σ w ⊙ out`, a loss whose gradient by the output is `w`; summed in double precision.
+/// `Σ w ⊙ out`, a loss whose gradient with respect to the output is `w`; summed in double precision.
 fn loss(network: &Network, values: &[f32], obs: &[f32], steps: &Steps, w: &[f32]) -> f64 {
     let mut to = Activations::default();
     network.forward(values, obs, steps, &mut to);
     to.out.iter().zip(w).map(|(o, w)| f64::from(*o) * f64::from(*w)).sum()
 }
 
-/// Finite differences in single precision are good to a few 1e-3 with this step; the tolerance is
-/// relative to the largest gradient, and 60 parameters spread over every tensor are tried.
+/// With this step, finite differences in single precision are accurate to a few 1e-3. The tolerance is relative to the
+/// largest gradient. Checks about eight parameters of every tensor.
 fn check(kind: Kind, outputs: usize, lengths: &[usize]) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let network = Network { kind, inputs: 4, hidden: 9, outputs };
@@ -38,7 +38,7 @@ fn check(kind: Kind, outputs: usize, lengths: &[usize]) {
                 moved[i] += h;
                 (loss(&network, &moved, &obs, &steps, &w), f64::from(moved[i]))
             };
-            // The step a float really made, not the one that was asked for.
+            // The step after rounding to a float.
             let ((up, x_up), (down, x_down)) = (at(2e-3), at(-2e-3));
             let expected = (up - down) / (x_up - x_down);
             let error = (f64::from(gradient[i]) - expected).abs();
@@ -96,7 +96,7 @@ fn gradients_of_parts_add_up_to_that_of_the_whole_batch() {
         let (whole, parts) = (gradient(std::slice::from_ref(&all)), gradient(&[0..2, 2..3, 3..5]));
         let largest = whole.iter().fold(0.0f32, |m, g| m.max(g.abs()));
         assert!(whole.iter().filter(|g| **g != 0.0).count() > whole.len() / 2, "{kind:?} has a gradient");
-        // Nothing but another order of summation.
+        // They differ in the order of summation only.
         for (whole, parts) in whole.iter().zip(&parts) {
             assert!((whole - parts).abs() < 1e-6 * largest, "{kind:?}: {whole} {parts}");
         }

@@ -1,5 +1,5 @@
-//! What holds for the Q learner as a whole: its start, its target network, its exploring, frozen rates,
-//! the parts of a minibatch, and going on from a checkpoint.
+//! The Q learner as a whole: initial weights, target network, exploration, frozen rates, the parts of a minibatch,
+//! checkpoints.
 
 use algos::iql::{Config, Iql, UpdateStats};
 use algos::network::Kind;
@@ -55,8 +55,8 @@ fn bits(learner: &Iql, owner: &str) -> Vec<u32> {
 
 #[test]
 fn initial_weights_have_the_spread_of_the_uniform_distribution_and_the_target_is_an_exact_copy() {
-    // algorithms §1.3, §12 check 8: standard deviation 1 / sqrt(3 fan_in), bounds ±1 / sqrt(fan_in); of a GRU
-    // the fan-in is the hidden width throughout.
+    // Standard deviation 1 / sqrt(3 fan_in), bounds ±1 / sqrt(fan_in) (algorithms §1.3, §12). In a GRU the fan-in is
+    // the hidden width for all matrices.
     for network in KINDS {
         let learner = learner(Config { hidden: 128, ..config(network) });
         assert_eq!(bits(&learner, "q"), bits(&learner, "target_q"));
@@ -113,7 +113,7 @@ fn a_polyak_target_is_the_running_mean_of_the_networks() {
 
 #[test]
 fn a_frozen_agent_keeps_its_weights_while_its_moments_follow_the_option() {
-    // algorithms §12, check 3.
+    // Check 3 of algorithms §12.
     for (network, hold) in KINDS.into_iter().flat_map(|kind| [(kind, false), (kind, true)]) {
         let mut learner = learner(Config { hold_frozen_moments: hold, ..config(network) });
         let before = learner.clone();
@@ -133,8 +133,8 @@ fn a_frozen_agent_keeps_its_weights_while_its_moments_follow_the_option() {
 
 #[test]
 fn the_length_of_the_others_in_a_minibatch_changes_nothing_of_an_episode() {
-    // algorithms §12, check 5. What would be padding has no rows here, so the errors of a short episode are the
-    // same alone and beside a long one: means over all steps are means of the single ones.
+    // Check 5 of algorithms §12. Padding has no rows here, so the errors of a short episode are the same alone and
+    // beside a long one.
     for network in KINDS {
         let update = |episodes: &[Episode]| learner(config(network)).update(episodes, 0.0);
         let all = episodes(&[3, 9, 1], 3);
@@ -168,7 +168,7 @@ fn episodes_of_different_lengths_may_come_in_any_order() {
 
 #[test]
 fn what_is_never_allowed_reaches_neither_gradient_nor_target() {
-    // The third action is never allowed. Its bias makes it the best or the worst by far, to both networks.
+    // The third action is never available. Its bias makes it by far the best or the worst, in both networks.
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let mut episode = episode(2, &mut rng);
     (episode.actions, episode.avail) = (vec![0, 1], [1, 1, 0].repeat(3));
@@ -210,8 +210,8 @@ fn actions_are_always_allowed_ones_whatever_epsilon_is() {
 
 #[test]
 fn exploring_leaves_recurrent_states_and_the_random_stream_as_they_are() {
-    // One learner explores in the first half of an episode, the other does not. In the second half they do
-    // the same: they have seen the same, and are at the same place of their random streams.
+    // One learner explores in the first half of an episode, the other does not. In the second half they act alike:
+    // their observations and the positions of their random streams are the same.
     let act = |first_epsilon: f64| {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
         let mut learner = learner(config(Kind::Gru));

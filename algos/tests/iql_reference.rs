@@ -1,5 +1,5 @@
-//! Independent Q-learning against a slow reference written straight from the equations of the spec: dense
-//! `B × (T + 1)` tensors with masks, double precision, automatic differentiation.
+//! Independent Q-learning against a slow implementation of the equations of algorithms §5.2: dense `B × (T + 1)`
+//! tensors with masks, double precision, candle's automatic differentiation.
 
 use algos::iql::{Config, Iql, UpdateStats};
 use algos::network::Kind;
@@ -50,7 +50,7 @@ fn episodes(lengths: &[usize], reward_scale: f32, rng: &mut ChaCha8Rng) -> Vec<E
     lengths.iter().map(of_length).collect()
 }
 
-/// algorithms §2.6, memory included.
+/// Running reward standardisation (algorithms §2.6).
 struct Rewards {
     mean: f64,
     var: f64,
@@ -178,7 +178,7 @@ fn compare(config: Config, lengths: &[usize], reward_scale: f32) {
         }
         for (owner, values) in [("q", &reference.q.values), ("target_q", &reference.target)] {
             let (largest, mean) = distance(learner.tensors(), owner, values).expect("same shapes");
-            // As for PPO: Adam turns a gradient that is nothing but rounding into a whole step.
+            // As for PPO: Adam turns a gradient that is only a rounding error into a whole step.
             assert!(
                 mean < 2e-6 && largest < 1e-4,
                 "{owner} after call {call}: mean {mean:e}, largest {largest:e}"

@@ -1,5 +1,5 @@
-//! PPO against a slow reference written straight from the equations of the spec: dense
-//! `B × T` tensors with masks, double precision, candle's automatic differentiation, no kernels of ours.
+//! PPO against a slow implementation of the equations of algorithms §4.1: dense `B × T` tensors with masks, double
+//! precision, candle's automatic differentiation, none of our kernels.
 
 use algos::host::Host;
 use algos::network::Kind;
@@ -107,7 +107,7 @@ fn dense(rollout: &Rollout) -> Result<Dense> {
     })
 }
 
-/// algorithms §4.3 as it is printed there.
+/// The formula of algorithms §4.3.
 fn returns(rewards: &[f64], mask: &[f64], values: &[f64], n: usize, gamma: f64) -> Vec<f64> {
     let batch_length = rewards.len();
     (0..batch_length)
@@ -210,8 +210,8 @@ fn compare(config: Config, lengths: &[usize], reward_scale: f32) {
         ];
         for (owner, values) in parts {
             let (largest, mean) = distance(learner.tensors(), owner, values).expect("same shapes");
-            // Adam turns a gradient that is nothing but rounding into a whole step, so single parameters
-            // may differ by more than the rounding of an addition.
+            // Adam turns a gradient that is only a rounding error into a whole step, so single parameters may differ by
+            // more than the rounding of an addition.
             assert!(
                 mean < 2e-6 && largest < 1e-4,
                 "{owner} after call {call}: mean {mean:e}, largest {largest:e}"
@@ -272,7 +272,7 @@ fn actor_and_critic_that_learn_at_once_come_to_the_same_bits() {
 
 #[test]
 fn initial_weights_have_the_spread_of_the_uniform_distribution() {
-    // algorithms §1.3, §12 check 8: standard deviation 1 / sqrt(3 fan_in), bounds ±1 / sqrt(fan_in).
+    // Standard deviation 1 / sqrt(3 fan_in), bounds ±1 / sqrt(fan_in) (algorithms §1.3, §12).
     let mut rng = ChaCha8Rng::seed_from_u64(3);
     let config = Config { hidden: 128, ..config(Kind::Gru) };
     let learner = Ppo::new(config, 12, 6, &mut rng);
@@ -309,7 +309,7 @@ fn target_critic_starts_as_an_exact_copy() {
 
 #[test]
 fn a_frozen_agent_keeps_its_weights_while_its_moments_follow_the_option() {
-    // algorithms §12, check 3.
+    // Check 3 of algorithms §12.
     for hold in [false, true] {
         let config = Config { hold_frozen_moments: hold, target_update: 200.0, ..config(Kind::Gru) };
         let mut rng = ChaCha8Rng::seed_from_u64(5);

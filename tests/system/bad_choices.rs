@@ -115,13 +115,13 @@ fn misspelt_tasks_of_every_family_are_answered_with_the_form_of_its_names() {
 #[test]
 fn devices_that_do_not_exist_or_are_not_built_in_are_refused_before_anything_starts() {
     refused(&["train", "--device=gpu"])
-        .fails_with(64, &["`gpu` is no device: expected cpu, cuda or cuda:N with the number of a GPU"]);
+        .fails_with(64, &["`gpu` is not a device: expected cpu, cuda or cuda:N with the number of a GPU"]);
     if cfg!(not(feature = "cuda")) {
         for command in [&["train", "--device=cuda:1"][..], &["resume", "run", "--device=cuda:1"]] {
             refused(command).fails_with(
                 78,
                 &[
-                    "error: `cuda:1` was asked for, but this build of Rondo computes on the CPU only",
+                    "error: `cuda:1` was requested, but this build of Rondo computes on the CPU only",
                     "hint: `cargo build --release --features cuda` builds one for GPUs",
                 ],
             );

@@ -1,10 +1,10 @@
-//! The passes of [`crate::network`] a second time, on candle's tensors: on a GPU, or for tests on its CPU device.
+//! The passes of [`crate::network`] on candle's tensors: on a GPU, or in tests on candle's CPU device.
 //!
-//! The derivatives are written out as in the kernels, and candle's autograd stays out of it: there is no graph to
-//! walk, relu'(0) is 0 as elsewhere, and what a recurrent network needs of all its steps is computed for all of
-//! them at once. Inside the loops over time remain a dozen small operations per step forward and five back.
+//! The derivatives are written out as in the kernels, without candle's autograd: there is no graph to walk, relu'(0)
+//! is 0 as elsewhere, and a recurrent network computes for all steps at once what does not depend on the step before.
+//! A dozen small operations per step forward and five back remain inside the loops over time.
 //!
-//! A pass copies its inputs and weights to the device, and waits for nothing but its result.
+//! A pass copies its inputs and weights to the device, and waits only for its result.
 
 use std::sync::{Arc, MutexGuard, PoisonError};
 
@@ -14,7 +14,7 @@ use super::Shared;
 use crate::kernels::gru::Steps;
 use crate::network::Network;
 
-/// One network's passes on a device, and what its last forward pass left for the backward pass.
+/// One network's passes on a device, with the activations of its last forward pass.
 #[derive(Clone, Debug)]
 pub struct Passes {
     device: Device,
@@ -22,7 +22,7 @@ pub struct Passes {
     kept: Option<Kept>,
 }
 
-/// Waits until no other pass is on the device. Nothing is left halfway by one that panicked.
+/// Waits until no other pass uses the device. A pass that panicked leaves nothing incomplete.
 fn turn(shared: &Shared) -> MutexGuard<'_, ()> {
     shared.turn.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -48,7 +48,7 @@ struct Linear {
     bias: Tensor,
 }
 
-/// Of a forward pass over `rows` rows.
+/// Activations of a forward pass over `rows` rows.
 #[derive(Clone, Debug)]
 struct Kept {
     layers: Layers,
@@ -58,7 +58,7 @@ struct Kept {
     x: Tensor,
     /// `rows × H`.
     h: Tensor,
-    /// Of a recurrent network.
+    /// In a recurrent network.
     cells: Vec<Cell>,
 }
 
@@ -97,7 +97,7 @@ impl Passes {
         *out = self.noted(result).unwrap_or_else(|| vec![0.0; steps.rows() * network.outputs]);
     }
 
-    /// As [`Network::backward`], of the preceding [`Passes::forward`]; adds nothing after a failure.
+    /// As [`Network::backward`], for the preceding [`Passes::forward`]; adds nothing after a failure.
     pub fn backward(&mut self, steps: &Steps, d_out: &[f32], gradient: &mut [f32]) {
         let shared = self.shared.clone();
         let _turn = turn(&shared);
@@ -217,7 +217,7 @@ fn relu_backward(y: &Tensor, dy: &Tensor) -> Result<Tensor> {
     dy * y.sign()?
 }
 
-/// σ by way of tanh: three operations instead of four.
+/// σ through tanh: three operations instead of four.
 fn sigmoid(x: &Tensor) -> Result<Tensor> {
     x.affine(0.5, 0.0)?.tanh()?.affine(0.5, 0.5)
 }
@@ -295,12 +295,12 @@ impl Kept {
     /// gradient of the loss by every state.
     ///
     /// ```text
-    /// δ_t = dh_t + (δ_{t+1} ⊙ z_{t+1} + d_gh_{t+1} W_hᵀ)          all that reaches the state of step t
+    /// δ_t = dh_t + (δ_{t+1} ⊙ z_{t+1} + d_gh_{t+1} W_hᵀ)          the whole gradient of the state of step t
     /// d_gx = δ ⊙ [k_r, k_z, k_c]       k_c = (1 − z)(1 − c²)      k_r = k_c (h W_hn + b_hn) r (1 − r)
     /// d_gh = δ ⊙ [k_r, k_z, k_c r]     k_z = (h_prev − c) z (1 − z)
     /// ```
     ///
-    /// The factors `k` do not depend on δ, so that they are computed for all steps at once.
+    /// The factors `k` do not depend on δ, so they are computed for all steps at once.
     fn backward_through_time(
         &self,
         h_prev: &Tensor,
@@ -341,7 +341,7 @@ impl Kept {
     }
 }
 
-/// `whole` with `part` added to its first rows: of sequences that end now, nothing comes back from later steps.
+/// `whole` with `part` added to its first rows: sequences that end here get no gradient from later steps.
 fn added_to_head(whole: &Tensor, part: &Tensor) -> Result<Tensor> {
     let (n, of_part) = (whole.dim(0)?, part.dim(0)?);
     if n == of_part {
@@ -355,7 +355,7 @@ fn numbers(tensor: &Tensor) -> Result<Vec<f32>> {
     tensor.flatten_all()?.to_vec1()
 }
 
-/// What an error says, without the stack that candle may append.
+/// The message of an error, without the stack that candle may append.
 pub fn first_line(error: &candle_core::Error) -> String {
     error.to_string().lines().next().unwrap_or("no reason given").to_owned()
 }

@@ -1,5 +1,5 @@
-//! Learners on a device against the same learners on the kernels. Here the device is candle's CPU, which runs
-//! the very same passes; with the feature `cuda` the ignored test does it once more on a GPU.
+//! Learners on a device against the same learners on the kernels. The device is candle's CPU, which runs the same
+//! passes; with the feature `cuda` the ignored test repeats it on a GPU.
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -89,7 +89,7 @@ fn rollout(rng: &mut ChaCha8Rng) -> Rollout {
     rollout
 }
 
-/// Mean and largest absolute difference of the weights; Adam's state is no part of it.
+/// Mean and largest absolute difference of the weights, without Adam's state.
 fn distance(ours: &[NamedTensor], theirs: &[NamedTensor]) -> (f64, f64) {
     let learned = |tensors: &[NamedTensor]| -> Vec<f32> {
         let learned = tensors.iter().filter(|(name, ..)| !name.starts_with("adam."));
@@ -101,8 +101,8 @@ fn distance(ours: &[NamedTensor], theirs: &[NamedTensor]) -> (f64, f64) {
     (apart.clone().sum::<f64>() / ours.len() as f64, apart.fold(0.0, f64::max))
 }
 
-/// Ten update calls, in which a weight can move by up to 0.01 in every step of Adam. A gradient that is nothing but
-/// rounding moves a weight by a step whatever its sign, so single weights may be further apart than the mean.
+/// Ten update calls, in which a weight can move by up to 0.01 in every step of Adam. Adam turns a gradient that is
+/// only a rounding error into a whole step, so single weights may differ by more than the mean.
 const CALLS: usize = 10;
 const MEAN_APART: f64 = 2e-6;
 const LARGEST_APART: f64 = 5e-4;
@@ -119,7 +119,7 @@ fn close(what: &str, found: f64, expected: f64) {
     assert!((found - expected).abs() < 1e-4 * (1.0 + expected.abs()), "{what}: {found} {expected}");
 }
 
-/// At the end: nothing failed, the learner has moved from its start, and other code has computed the same.
+/// Asserts that nothing failed, the learner has changed, and both computed the same.
 fn assert_learned(
     device: &Device,
     kind: Kind,
@@ -169,7 +169,7 @@ fn iql_follows(device: &Device, kind: Kind) {
     assert_learned(device, kind, &start.tensors(), &here.tensors(), &there.tensors());
 }
 
-/// A network with weights, observations and a gradient to go back with, all random.
+/// A network with random weights, observations and gradient of its outputs.
 struct Case {
     network: Network,
     values: Vec<f32>,
@@ -187,13 +187,13 @@ fn case(kind: Kind, lengths: &[usize]) -> Case {
     Case { o: random(steps.rows() * OBS), d_out: random(steps.rows() * ACTIONS), network, values, steps }
 }
 
-/// Outputs and gradient of both, compared relative to the largest number.
+/// Compares outputs and gradients of both, relative to the largest number.
 fn passes_agree(device: &Device, kind: Kind, lengths: &[usize]) {
     let Case { network, values, o, d_out, steps } = case(kind, lengths);
     let pass = |on: Option<Passes>| {
         let (mut work, mut gradient) = (Activations::default(), vec![0.0; values.len()]);
         work.on = on;
-        // As if the batch came in two parts: gradients add up.
+        // Twice, as for a batch in two parts: gradients add up.
         for _ in 0..2 {
             network.forward(&values, &o, &steps, &mut work);
             network.backward(&values, &o, &steps, &d_out, &mut work, &mut gradient);
@@ -209,7 +209,7 @@ fn passes_agree(device: &Device, kind: Kind, lengths: &[usize]) {
     }
 }
 
-/// One tick of so many rows on both.
+/// Compares one tick of so many rows on both.
 fn ticks_agree(device: &Device, kind: Kind, rows: usize) -> bool {
     let Case { network, values, o, .. } = case(kind, &vec![1; rows]);
     let state: Vec<f32> = (0..rows * network.hidden).map(|k| (k as f32 * 0.37).sin()).collect();
@@ -270,7 +270,7 @@ fn a_recurrent_q_learner_follows_the_kernels() {
 
 #[test]
 fn only_ticks_of_many_rows_leave_the_kernels() {
-    // Of a recurrent network: a feed-forward one has the same bits on both, because candle multiplies by `gemm` too.
+    // With a recurrent network: a feed-forward one has the same bits on both, because candle uses `gemm` too.
     assert!(
         ticks_agree(&cpu(), Kind::Gru, ROWS_TO_ACT_ON_GPU - 1),
         "below, the bits are those of the kernels"
@@ -303,7 +303,7 @@ fn a_failure_is_kept_until_somebody_asks_and_gives_zeros_meanwhile() {
     let device = cpu();
     let mut work = Activations::default();
     work.on = device.passes();
-    // Observations of another size than the network's, as a stand-in for a GPU that fails.
+    // Observations of a wrong size, in place of a failing GPU.
     network.forward(&values, &o[1..], &steps, &mut work);
     assert_eq!(work.out, [0.0; 5 * ACTIONS]);
     let mut gradient = vec![9.0; values.len()];
@@ -325,7 +325,10 @@ fn names_of_devices_are_read_and_written() {
     assert_eq!("cuda".parse(), Ok(DeviceName::Cuda(0)));
     for text in ["", "gpu", "cuda:", "cuda:-1", "cuda:x", "CPU"] {
         let error = text.parse::<DeviceName>().expect_err("no device").to_string();
-        assert!(error.contains(&format!("`{text}` is no device: expected cpu, cuda or cuda:N")), "{error}");
+        assert!(
+            error.contains(&format!("`{text}` is not a device: expected cpu, cuda or cuda:N")),
+            "{error}"
+        );
     }
 }
 
@@ -333,7 +336,7 @@ fn names_of_devices_are_read_and_written() {
 #[test]
 fn a_build_without_the_feature_says_how_to_get_one() {
     let error = DeviceName::Cuda(1).open().expect_err("it is not built").to_string();
-    assert!(error.starts_with("`cuda:1` was asked for, but this build of Rondo computes on the CPU only"));
+    assert!(error.starts_with("`cuda:1` was requested, but this build of Rondo computes on the CPU only"));
     assert!(error.contains("`cargo build --release --features cuda`"), "{error}");
     DeviceName::Cpu.open().expect("always there");
 }

@@ -1,5 +1,5 @@
-//! A minibatch of episodes for one update call: rewards of all, and the rows of one part of it at a time with the
-//! steps to learn from, which tie them together.
+//! A minibatch of episodes for one update call: the rewards of all episodes, and the rows and transitions of one part
+//! at a time.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -12,14 +12,14 @@ use crate::rollout::{End, Episode};
 /// `B` episodes; `T` is the longest length.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
-    /// Which episode is the `k`-th longest.
+    /// The episode that is the `k`-th longest.
     order: Vec<usize>,
-    /// Which of them go through the networks together.
+    /// The parts, as ranges of `order`.
     pub parts: Vec<Range<usize>>,
     pub part_size: PartSize,
-    /// Steps taken in all, `Σ m`.
+    /// Number of steps, `Σ m`.
     pub count: usize,
-    /// `B × T` team rewards, zero after an episode's end: what standardisation works on (algorithms §2.6).
+    /// `B × T` rewards, zero after an episode's end, as standardisation needs them (algorithms §2.6).
     pub rewards: Vec<f32>,
 }
 
@@ -32,7 +32,7 @@ impl Batch {
         assert!(episodes.iter().all(|episode| !episode.is_empty()), "every episode has a step");
         self.order.clear();
         self.order.extend(0..episodes.len());
-        // Stable, so that equally long episodes stay in the order in which they were sampled.
+        // Stable: equally long episodes stay in the order in which they were sampled.
         self.order.sort_by_key(|&k| Reverse(episodes[k].len()));
         let sorted = || self.order.iter().map(|&k| &episodes[k]);
         let rows: Vec<_> = sorted().map(|episode| episode.len() + 1).collect();
@@ -47,7 +47,7 @@ impl Batch {
     }
 }
 
-/// The rows of some episodes. Only slots that were filled have rows, so the mask of the spec is implicit: what has
+/// The rows of some episodes. Only played slots have rows, so the mask is implicit (algorithms §2.2): a slot with
 /// `m = 1` is a [`Transition`].
 #[derive(Clone, Debug, Default)]
 pub struct Part {
@@ -57,7 +57,7 @@ pub struct Part {
     pub obs: Vec<f32>,
     /// `rows × n_actions`.
     pub avail: Vec<u8>,
-    /// Every step that was taken.
+    /// All steps.
     pub transitions: Vec<Transition>,
 }
 
@@ -70,9 +70,9 @@ pub struct Transition {
     pub next: usize,
     /// The action taken at `t`.
     pub action: u16,
-    /// The reward it earned, standardised if that is asked for.
+    /// Its reward, standardised if configured.
     pub reward: f32,
-    /// `term`: nothing follows that a target may count on.
+    /// `term`: the target has no bootstrap.
     pub terminal: bool,
 }
 

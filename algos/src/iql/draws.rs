@@ -1,9 +1,9 @@
-//! Where chance enters Q-learning: actions that explore, and the episodes of a minibatch.
+//! Random choices of Q-learning: exploring actions, and the episodes of a minibatch.
 
 use rand::Rng;
 
-/// ε after `t_env` environment steps (algorithms §5.3): from `start` on a straight line to `finish`, which it
-/// reaches after `anneal` steps; with `anneal` 0 at once.
+/// ε after `t_env` environment steps (algorithms §5.3): linear from `start` to `finish`, which it reaches after
+/// `anneal` steps; with `anneal` 0 at once.
 pub fn epsilon(t_env: u64, start: f64, finish: f64, anneal: u64) -> f64 {
     if t_env >= anneal {
         return finish;
@@ -11,13 +11,13 @@ pub fn epsilon(t_env: u64, start: f64, finish: f64, anneal: u64) -> f64 {
     finish.max(start - (start - finish) * t_env as f64 / anneal as f64)
 }
 
-/// `count` different numbers below `from`, every ordered choice equally likely.
+/// `count` different numbers below `from`; every ordered choice is equally likely.
 ///
 /// # Panics
 /// If there are fewer than `count` numbers.
 pub fn sample_distinct(count: usize, from: usize, rng: &mut impl Rng) -> Vec<usize> {
     assert!(count <= from, "{count} different numbers cannot be drawn from {from}");
-    // The first steps of a Fisher–Yates shuffle. A list of all is cheap: a buffer holds a few thousand.
+    // The first steps of a Fisher–Yates shuffle. The list is cheap: a buffer holds a few thousand episodes.
     let mut all: Vec<usize> = (0..from).collect();
     for i in 0..count {
         all.swap(i, rng.random_range(i..from));
@@ -26,7 +26,7 @@ pub fn sample_distinct(count: usize, from: usize, rng: &mut impl Rng) -> Vec<usi
     all
 }
 
-/// The allowed action of the largest value, of several the first; action 0 where none is allowed.
+/// The available action with the largest value, the first of several; action 0 if none is available.
 pub(super) fn greedy(q: &[f32], avail: &[u8]) -> usize {
     let mut best = None;
     for (action, (&value, &allowed)) in q.iter().zip(avail).enumerate() {
@@ -37,10 +37,9 @@ pub(super) fn greedy(q: &[f32], avail: &[u8]) -> usize {
     best.map_or(0, |(action, _)| action)
 }
 
-/// With probability `epsilon` any allowed action, each equally likely; otherwise the greedy one.
+/// With probability `epsilon` a uniformly random available action, otherwise the greedy one.
 ///
-/// Draws the coin and the action in every case, two numbers of 32 bits, so that what follows in the
-/// stream depends on no value.
+/// Always draws two numbers of 32 bits, the coin and the action, so that later draws do not depend on values.
 pub(super) fn epsilon_greedy(q: &[f32], avail: &[u8], epsilon: f64, rng: &mut impl Rng) -> usize {
     let (coin, choice) = (rng.random::<f32>(), rng.random::<u32>());
     if f64::from(coin) >= epsilon {
@@ -92,7 +91,7 @@ mod tests {
     #[test]
     fn every_ordered_choice_is_equally_likely() {
         // 6·5 = 30 ordered pairs, 1,000 expected of each. χ² with 29 degrees of freedom exceeds 58.3 once
-        // in a thousand times; the seed is fixed, so this is no matter of luck.
+        // in a thousand times; the seed is fixed.
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let mut counts = [[0u32; 6]; 6];
         for _ in 0..30_000 {

@@ -1,4 +1,4 @@
-//! Targets worked out by hand, and the gradient of the loss by the values.
+//! Targets computed by hand, and the gradient of the loss with respect to the values.
 
 use super::*;
 use crate::rollout::End;
@@ -37,7 +37,7 @@ fn part(episodes: &[Episode], time_limit_is_terminal: bool) -> Part {
     part
 }
 
-/// What `config` finds on the part, which is the whole minibatch.
+/// Gradient and statistics of the part, which is the whole minibatch.
 fn found(config: &Config, part: &Part, q: &[f32], target_q: &[f32]) -> (Vec<f32>, UpdateStats) {
     let (mut d_q, mut stats) = (vec![f32::NAN], UpdateStats::default());
     config.temporal_differences(part, part.transitions.len(), q, target_q, &mut d_q, &mut stats);
@@ -66,8 +66,8 @@ const TARGET_Q: [f32; 15] = [
     5.0, -2.0, 10.0, // of a* = 1: −2; the largest allowed one: 10
 ];
 
-/// `q − y` of the steps (a, 0), (b, 0), (a, 1), read off the gradient `2 (q − y) / (n Σ m)`, with the rest
-/// of the gradient checked to be zero.
+/// `q − y` of the steps (a, 0), (b, 0), (a, 1), from the gradient `2 (q − y) / (n Σ m)`. Asserts that the rest of the
+/// gradient is zero.
 fn errors(config: &Config) -> [f32; 3] {
     let (d_q, _) = found(config, &two_episodes(config.time_limit_is_terminal), &Q, &TARGET_Q);
     let taken = [1, 3, 8];

@@ -1,8 +1,8 @@
-//! `out = a · b` and `out += a · b` for row-major matrices: the one safe door to the `gemm` crate.
+//! `out = a · b` and `out += a · b` for row-major matrices: the safe wrapper of the `gemm` crate.
 //!
 //! `gemm` takes raw pointers, so this file is the only one in the workspace that contains `unsafe`.
-//! It is worth it: a safe loop reaches a tenth of the core's peak, `gemm` more than four fifths
-//! (it packs, blocks and picks AVX-512, AVX2 or NEON at run time).
+//! The reason is speed: a safe loop reaches a tenth of the core's peak, `gemm` more than four fifths (it packs, blocks
+//! and selects AVX-512, AVX2 or NEON at run time).
 #![allow(unsafe_code)]
 
 /// A view of a matrix: `rows × cols` numbers, element `(i, j)` at `i * row_stride + j * col_stride`.

@@ -1,6 +1,6 @@
 //! A gated recurrent unit over a batch of sequences, forward and backward through time.
 //!
-//! algorithms §1.1, the PyTorch convention (the reset gate acts after the recurrent matrix and its bias):
+//! PyTorch's form, with the reset gate after the recurrent matrix and its bias (algorithms §1.1):
 //!
 //! ```text
 //! r  = σ(x W_ir + b_ir + h W_hr + b_hr)          z = σ(x W_iz + b_iz + h W_hz + b_hz)
@@ -8,9 +8,9 @@
 //! h' = (1 − z) ⊙ c + z ⊙ h
 //! ```
 //!
-//! The products of the inputs with `W_i`, and of both weight gradients, are made once for all time
-//! steps; only the recurrent product remains inside the loop over time. Rows are packed by time
-//! ([`Steps`]), so finished sequences cost nothing.
+//! The products of the inputs with `W_i` and those of both weight gradients are computed once for all time steps.
+//! Only the recurrent product is inside the loop over time. Rows are packed by time ([`Steps`]), so finished sequences
+//! cost nothing.
 
 use super::gemm::{add_product, product, Matrix};
 use super::math::{add_rows, fill_rows, sigmoid, tanh, vectorized};
@@ -27,7 +27,7 @@ pub struct Steps {
 }
 
 impl Steps {
-    /// For sequences of these lengths, which must not increase.
+    /// For sequences of these lengths, in descending order.
     pub fn of_lengths(lengths: &[usize]) -> Self {
         debug_assert!(lengths.windows(2).all(|w| w[0] >= w[1]), "longest first");
         let longest = lengths.first().copied().unwrap_or(0);
@@ -86,7 +86,7 @@ pub struct Gru<'a> {
     pub b_h: &'a [f32],
 }
 
-/// What the forward pass leaves for the backward pass, and its work space; kept between calls.
+/// Activations of the forward pass and work space, reused between calls.
 #[derive(Clone, Debug, Default)]
 pub struct GruCache {
     /// `rows × 3H`: the input products, later their gradients.
@@ -104,7 +104,7 @@ pub struct GruCache {
     w_h_t: Vec<f32>,
 }
 
-/// Borrowed places for the gradients of [`Gru`]'s weights.
+/// Borrowed gradients of [`Gru`]'s weights.
 #[derive(Debug)]
 pub struct GruGradient<'a> {
     /// `in × 3H`.
@@ -180,8 +180,8 @@ impl Gru<'_> {
         }
     }
 
-    /// Adds the gradients of all weights to `gradient`, and writes that of the inputs into `dx` (`rows × in`),
-    /// from `dh` (`rows × H`), the gradient of the loss by every state that [`Gru::forward`] left.
+    /// Adds the gradients of all weights to `gradient` and writes that of the inputs into `dx` (`rows × in`). `dh`
+    /// (`rows × H`) is the gradient of the loss with respect to every state of [`Gru::forward`].
     pub fn backward(
         &self,
         x: &[f32],
@@ -192,7 +192,7 @@ impl Gru<'_> {
         dx: &mut Vec<f32>,
     ) {
         let (inputs, hidden, rows) = (self.inputs(), self.hidden(), steps.rows());
-        // The recurrent product back in time needs W_hᵀ; transposed once it needs no packing per step.
+        // The backward recurrent product needs W_hᵀ; transposed once, it needs no packing per step.
         transpose(self.w_h, hidden, 3 * hidden, &mut cache.w_h_t);
         cache.carry.clear();
         cache.carry.resize(steps.counts.first().map_or(0, |n| n * hidden), 0.0);
@@ -244,7 +244,7 @@ impl<'a> Gates<'a> {
     }
 }
 
-/// What one step's backward pass needs of its forward pass.
+/// Activations that one step's backward pass needs.
 struct Forward<'a> {
     r: &'a [f32],
     z: &'a [f32],
@@ -279,8 +279,8 @@ fn gates_forward(
     });
 }
 
-/// `carry` comes as the gradient from step `t + 1` and leaves as the part `dh ⊙ z` of the one for
-/// `t − 1`. `gx` is overwritten by its gradient; `gh` holds `h W_h + b_h` and is overwritten too.
+/// `carry` is the gradient from step `t + 1`, and becomes the part `dh ⊙ z` of the one for `t − 1`. `gx`, and `gh` with
+/// `h W_h + b_h`, are overwritten by their gradients.
 fn gates_backward(
     hidden: usize,
     forward: &Forward,

@@ -1,12 +1,12 @@
-//! A linear layer, with ReLU or without, forward and backward.
+//! A linear layer with or without ReLU, forward and backward.
 //!
 //! ```text
 //! y  = x W + b                         x: rows × in,  W: in × out,  b: out
 //! dW = xᵀ dy     db = Σ_rows dy        dx = dy Wᵀ
 //! ```
 //!
-//! Weights are stored `in × out`, the transpose of PyTorch's, so that neither the forward product of a
-//! few rows nor the weight gradient needs a repacked copy.
+//! Weights are stored `in × out`, the transpose of PyTorch's, so neither the forward product of a few rows nor the
+//! weight gradient needs a repacked copy.
 
 use super::gemm::{add_product, product, Matrix};
 use super::math::{add_rows, fill_rows, vectorized};

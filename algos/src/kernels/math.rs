@@ -1,8 +1,8 @@
 //! Elementary functions that vectorise, and loops compiled once per instruction set.
 //!
-//! The standard library's `exp` and `tanh` call the system's scalar routines: ten times slower here, and
-//! different from one C library to the next. These use only additions, multiplications and bit shifts,
-//! in one order and without fused multiply-add, so AVX-512, AVX2 and plain SSE give the same bits.
+//! The standard library's `exp` and `tanh` call the system's scalar routines. They are ten times slower here and differ
+//! between C libraries. These functions use only additions, multiplications and bit shifts, in one order and without
+//! fused multiply-add, so AVX-512, AVX2 and plain SSE give the same bits.
 
 /// Runs `f` with the widest vector instructions that the processor has (chosen at run time).
 #[inline]
@@ -52,7 +52,7 @@ pub fn ln(x: f32) -> f32 {
     libm::logf(x)
 }
 
-/// Adds `bias` (`cols` numbers) to no row but writes it into every row of `out` (`rows × cols`).
+/// Copies `bias` (`cols` numbers) into every row of `out` (`rows × cols`).
 pub fn fill_rows(out: &mut [f32], bias: &[f32]) {
     for row in out.chunks_exact_mut(bias.len()) {
         row.copy_from_slice(bias);
@@ -91,7 +91,7 @@ pub fn sum_of_squares(x: &[f32]) -> f64 {
     })
 }
 
-/// Whether every number is one: none is infinite or NaN.
+/// Whether no number is infinite or NaN.
 pub fn all_finite(x: &[f32]) -> bool {
     const INFINITE: u32 = f32::INFINITY.to_bits();
     // The largest magnitude as an integer: without an early exit this becomes vector instructions.

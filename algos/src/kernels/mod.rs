@@ -1,5 +1,5 @@
-//! The arithmetic that takes the time: matrix products, gates and their derivatives, each with a hand
-//! written backward pass. Checked against finite differences and candle's autograd in `tests/`.
+//! The arithmetic: matrix products, gates and their derivatives, each with a hand-written backward pass. `tests/`
+//! checks them against finite differences and candle's autograd.
 
 pub mod gemm;
 pub mod gru;

@@ -17,12 +17,12 @@ pub struct Actor {
     pub values: Vec<f32>,
     pub adam: Adam,
     pub seconds: Seconds,
-    // Buffers of an update call, kept so that none is allocated twice.
+    // Buffers of an update call, reused by the next one.
     part: Part,
     activations: Activations,
     gradient: Vec<f32>,
     d_logits: Vec<f32>,
-    /// Of all rows, part after part.
+    /// By row, part after part.
     log_p_old: Vec<f32>,
 }
 
@@ -46,7 +46,7 @@ impl Actor {
         self.activations.on = device.passes();
     }
 
-    /// The actor's part of all epochs. `take` gives what the critic gives out.
+    /// The actor's steps of all epochs. `take` returns `A` of the rows of the next part, from the critic.
     pub fn learn(
         &mut self,
         config: &Config,
@@ -81,7 +81,7 @@ impl Actor {
                     scale: 1.0 / (rows as f32 * config.agents as f32),
                 };
                 if epoch == 0 {
-                    // The actor is still the one that acted, so this forward pass gives p_old.
+                    // The actor has not changed since it acted, so this forward pass gives p_old.
                     terms.log_probabilities(&to.out, log_p_old);
                 }
                 let found = terms.gradient(&to.out, &log_p_old[done..], d_logits);

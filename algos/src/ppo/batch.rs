@@ -1,4 +1,4 @@
-//! A round's episodes for one update call: returns of the whole round, and the rows of one part of it at a time.
+//! A round's episodes for one update call: the returns of the whole round, and the rows of one part at a time.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -12,21 +12,21 @@ use crate::rollout::{End, Episode};
 /// `B` episodes; `T` is the longest length.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
-    /// Which episode is the `k`-th longest.
+    /// The episode that is the `k`-th longest.
     order: Vec<usize>,
-    /// Numbers that an episode shows in a step: what the actor takes in.
+    /// Numbers in a row of an episode: the actor's inputs.
     shown: usize,
     n_actions: usize,
-    /// Which of them go through the networks together.
+    /// The parts, as ranges of `order`.
     pub parts: Vec<Range<usize>>,
     pub part_size: PartSize,
-    /// Steps taken in all, `Σ m`.
+    /// Number of steps, `Σ m`.
     pub rows: usize,
-    /// `B × T` team rewards, zero after an episode's end.
+    /// `B × T` rewards, zero after an episode's end.
     pub rewards: Vec<f32>,
     /// `B × (T + 1)` values of the target critic.
     values: Vec<f32>,
-    /// `B × T`: `G`, where a step was taken.
+    /// `B × T`: `G` of every step.
     returns: Vec<f32>,
 }
 
@@ -40,7 +40,7 @@ impl Batch {
         assert!(episodes.iter().all(|episode| !episode.is_empty()), "every episode has a step");
         self.order.clear();
         self.order.extend(0..episodes.len());
-        // Stable, so that equally long episodes stay in the order of their copies.
+        // Stable: equally long episodes stay in the order of their copies.
         self.order.sort_by_key(|&k| Reverse(episodes[k].len()));
         let lengths: Vec<_> = self.order.iter().map(|&k| episodes[k].len()).collect();
         self.parts = parts(actor.kind, &lengths, self.part_size);
@@ -61,8 +61,8 @@ impl Batch {
         self.rewards.len() / self.order.len()
     }
 
-    /// Takes the target critic's values of a part that was laid out with its final observations, and of the
-    /// all-zero observation `padding`, which stands for all slots after those.
+    /// Stores the target critic's values of a part, final observations included. `padding` is its value of the all-zero
+    /// observation, for all later slots.
     pub fn place_values(&mut self, part: &Part, by_row: &[f32], padding: f32) {
         let slots = self.longest() + 1;
         let of_part = part.episodes.start * slots..part.episodes.end * slots;
@@ -91,13 +91,13 @@ impl Batch {
     }
 }
 
-/// The rows of some episodes, packed by time. Only steps that were taken have rows, so the mask of the spec is
-/// implicit: a row is a slot with `m = 1`.
+/// The rows of some episodes, packed by time. Only played steps have rows, so the mask is implicit (algorithms §2.2):
+/// a row is a slot with `m = 1`.
 #[derive(Clone, Debug, Default)]
 pub struct Part {
-    /// Which of the sorted episodes.
+    /// Range of the sorted episodes.
     episodes: Range<usize>,
-    /// How rows are packed.
+    /// The packing of the rows.
     pub steps: Steps,
     /// `rows × inputs`.
     pub obs: Vec<f32>,
@@ -110,7 +110,7 @@ pub struct Part {
 }
 
 impl Part {
-    /// Lays out the steps of part number `part`, and of what each shows the first `inputs` numbers.
+    /// Lays out the steps of part number `part`, with the first `inputs` numbers of each row.
     pub fn fill(&mut self, batch: &Batch, part: usize, episodes: &[Episode], inputs: usize) {
         self.begin(batch, part, episodes, 0);
         self.avail.clear();
@@ -128,7 +128,7 @@ impl Part {
         }
     }
 
-    /// Lays out the first `inputs` numbers of all that part number `part` shows, finally too, and nothing else.
+    /// Lays out only observations: the first `inputs` numbers of all rows of part number `part`, final ones included.
     pub fn fill_observations(&mut self, batch: &Batch, part: usize, episodes: &[Episode], inputs: usize) {
         self.begin(batch, part, episodes, 1);
         for t in 0..self.steps.len() {
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
     use crate::network::Kind;
 
-    /// `count` episodes of 50 steps; in each row the number of its episode.
+    /// `count` episodes of 50 steps; each row holds the number of its episode.
     fn episodes(count: usize) -> Vec<Episode> {
         let episode = |k: usize| Episode {
             obs: vec![k as f32; 51],

@@ -22,7 +22,7 @@ pub struct Critic {
     /// Update call of the last hard copy of the target.
     pub last_target_copy: u64,
     pub seconds: Seconds,
-    // Buffers of an update call, kept so that none is allocated twice.
+    // Buffers of an update call, reused by the next one.
     part: Part,
     activations: Activations,
     gradient: Vec<f32>,
@@ -50,7 +50,7 @@ impl Critic {
         self.activations.on = device.passes();
     }
 
-    /// Values of the target critic and, from them, `G` of every step: the same in all epochs.
+    /// Computes the target critic's values and from them `G` of every step. Both are the same in all epochs.
     pub fn compute_returns(&mut self, config: &Config, batch: &mut Batch, episodes: &[Episode], host: Host) {
         let Self { network, target_values, part, activations: to, seconds, .. } = self;
         let mut watch = Stopwatch::start(host);
@@ -67,8 +67,7 @@ impl Critic {
         watch.lap(&mut seconds.loss);
     }
 
-    /// The critic's part of all epochs. Gives out `A` of the rows of one part of the batch after the other, in every
-    /// epoch.
+    /// The critic's steps of all epochs. Calls `give` with `A` of the rows of each part, in every epoch.
     pub fn learn(
         &mut self,
         config: &Config,
@@ -110,7 +109,7 @@ impl Critic {
         sum
     }
 
-    /// Lets the target follow after update call number `update_calls`.
+    /// Updates the target after update call number `update_calls`.
     pub fn update_target(&mut self, config: &Config, update_calls: u64) {
         let last_copy = &mut self.last_target_copy;
         target::update(config.target_update, update_calls, last_copy, &mut self.target_values, &self.values);

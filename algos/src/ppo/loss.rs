@@ -1,12 +1,12 @@
-//! The policy: masked softmax, sampling, and the clipped objective with its gradient by the logits.
+//! The policy: masked softmax, sampling, and the clipped objective with its gradient with respect to the logits.
 
 use crate::kernels::math::{exp, ln};
 
 /// Added to a probability before its logarithm (algorithms §3.2).
 const TINY: f32 = 1e-10;
 
-/// Turns logits into probabilities in place; forbidden actions get exactly zero (algorithms §3.1: their logits
-/// are −1e10). If every action is forbidden the result is uniform, as the reference's is.
+/// Turns logits into probabilities in place. Unavailable actions, whose logits become −1e10, get exactly 0
+/// (algorithms §3.1). If no action is available, the result is uniform, as in the reference.
 pub fn softmax(logits: &mut [f32], avail: &[u8]) {
     for (logit, &allowed) in logits.iter_mut().zip(avail) {
         *logit = if allowed != 0 { *logit } else { -1e10 };
@@ -15,7 +15,7 @@ pub fn softmax(logits: &mut [f32], avail: &[u8]) {
     let mut sum = 0.0;
     for logit in logits.iter_mut() {
         let distance = *logit - max;
-        // `exp` never underflows to zero by itself.
+        // `exp` does not underflow to zero by itself.
         *logit = if distance < -80.0 { 0.0 } else { exp(distance) };
         sum += *logit;
     }
@@ -35,11 +35,11 @@ pub fn sample(probabilities: &[f32], u: f32) -> u16 {
             }
         }
     }
-    // Rounding can leave the sum below `u`: then the last action that is possible at all.
+    // Rounding can leave the sum below `u`. The last possible action is taken then.
     last as u16
 }
 
-/// The action of the largest probability, the lowest of equals.
+/// The action with the largest probability, the lowest of equals.
 pub fn most_probable(probabilities: &[f32]) -> u16 {
     let best = |best: usize, action: usize| {
         if probabilities[action] > probabilities[best] {
@@ -75,7 +75,7 @@ pub struct Found {
     pub loss: f64,
     /// `Σ H`.
     pub entropy: f64,
-    /// Rows whose ratio was out of the clip range.
+    /// Rows with a ratio outside the clip range.
     pub clipped: u32,
 }
 
@@ -95,14 +95,14 @@ impl Terms<'_> {
         }
     }
 
-    /// Writes the gradient of the actor loss by the logits into `d_logits` (`rows × n_actions`).
+    /// Writes the gradient of the actor loss with respect to the logits into `d_logits` (`rows × n_actions`).
     ///
     /// ```text
     /// g_k = ∂L/∂π_k = −scale ( [k = a] A ρ / (π(a) + 1e-10) − c_ent (log(π_k + 1e-10) + π_k / (π_k + 1e-10)) )
     /// ∂L/∂logit_j = π_j ( g_j − Σ_k g_k π_k )
     /// ```
     ///
-    /// The first term is absent where the minimum picks the clipped branch outside its range.
+    /// The first term is absent where the minimum selects the clipped branch outside its range.
     pub fn gradient(&self, logits: &[f32], log_p_old: &[f32], d_logits: &mut Vec<f32>) -> Found {
         let n = self.n_actions();
         d_logits.resize(logits.len(), 0.0);
@@ -165,7 +165,7 @@ mod tests {
         assert_eq!(most_probable(&[0.0, 0.4, 0.4, 0.2]), 1);
     }
 
-    /// `L(logits)` in double precision straight from the equations.
+    /// `L(logits)` in double precision, directly from the equations.
     fn plain_loss(terms: &Terms, logits: &[f64], log_p_old: &[f32]) -> f64 {
         let n = terms.n_actions();
         let mut loss = 0.0;
@@ -217,7 +217,7 @@ mod tests {
 
     #[test]
     fn with_the_acting_policy_the_ratio_is_one_and_the_gradient_is_that_of_a2c() {
-        // algorithms §12, check 9: ∂/∂logit_j of −A log π(a) is −A ([j = a] − π_j).
+        // ∂/∂logit_j of −A log π(a) is −A ([j = a] − π_j) (algorithms §12, check 9).
         let logits = [0.3, -1.0, 0.8, 0.1f32];
         let terms = Terms {
             avail: &[1; 4],

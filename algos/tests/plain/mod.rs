@@ -1,5 +1,5 @@
-//! Networks and Adam a second time, as plainly as possible: double precision, dense tensors, candle's
-//! automatic differentiation, no kernels of ours. The references of the learners are built from these.
+//! Networks and Adam a second time, in the simplest form: double precision, dense tensors, candle's automatic
+//! differentiation, none of our kernels. The tests compare whole update calls of the learners with these.
 
 use algos::network::Kind;
 use algos::saved::NamedTensor;
@@ -52,7 +52,7 @@ impl Parameters {
     }
 }
 
-/// Brings `target` up to date after update call `calls` (algorithms §4.4).
+/// Updates `target` after update call `calls` (algorithms §4.4).
 pub fn update_target(rule: f64, calls: u64, copied: &mut u64, target: &[Var], values: &[Var]) -> Result<()> {
     let (hard, tau) = (rule > 1.0, rule);
     if !hard || (calls - *copied) as f64 >= rule {
