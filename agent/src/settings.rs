@@ -1,14 +1,43 @@
-//! From the configuration's words to the learners' own.
+//! From the configuration to the algorithm that it names.
 
-use algos::iql;
+use algos::iql::{self, Iql};
+use algos::learner::Choice;
 use algos::network::Kind;
-use algos::ppo;
+use algos::ppo::{self, Ppo};
 use algos::returns::EndOfBatch;
 use algos::reward_stats::Standardisation;
-use proto::config::{self, Algo, Config, FrozenMoments, Ppo, QLearning, RewardStandardisation};
+use proto::config::{self, Algo, Config, FrozenMoments, PolicyTest, QLearning, RewardStandardisation};
+use rand_chacha::ChaCha8Rng;
+
+use crate::learner::{Algorithm, OffPolicy, OnPolicy};
+
+/// The algorithm of a valid configuration for agent `id`, with initial weights from `rng`. `extra`: inputs after each
+/// observation that the critic does not receive.
+pub fn algorithm(
+    config: &Config,
+    id: u32,
+    (obs_size, extra): (usize, usize),
+    n_actions: usize,
+    rng: &mut ChaCha8Rng,
+) -> Box<dyn Algorithm> {
+    match (&config.ppo, &config.q) {
+        (Some(settings), _) => Box::new(OnPolicy {
+            learner: Ppo::with_extra_inputs(ppo(config, settings), (obs_size, extra), n_actions, rng),
+            in_tests: match settings.policy_test {
+                PolicyTest::Sample => Choice::Sample,
+                PolicyTest::Greedy => Choice::Greedy,
+            },
+        }),
+        (None, Some(settings)) => {
+            let learner = Iql::new(iql(config, settings), obs_size + extra, n_actions, rng);
+            Box::new(OffPolicy::new(learner, settings.clone(), config.seed, id))
+        }
+        (None, None) => unreachable!("a valid configuration has the section of its learner"),
+    }
+}
 
 /// What PPO is told.
-pub fn ppo(config: &Config, ppo: &Ppo) -> ppo::Config {
+fn ppo(config: &Config, ppo: &config::Ppo) -> ppo::Config {
     let algo = &config.algo;
     ppo::Config {
         actor: kind(algo),
@@ -33,7 +62,7 @@ pub fn ppo(config: &Config, ppo: &Ppo) -> ppo::Config {
 }
 
 /// What Q-learning is told.
-pub fn iql(config: &Config, q: &QLearning) -> iql::Config {
+fn iql(config: &Config, q: &QLearning) -> iql::Config {
     let algo = &config.algo;
     iql::Config {
         network: kind(algo),

@@ -6,6 +6,7 @@
 //! ```
 
 use algos::device::DeviceName;
+use algos::learner::{Learner, OnPolicy};
 use algos::network::Kind;
 use algos::ppo::{Config, Ppo};
 use algos::returns::EndOfBatch;
@@ -73,7 +74,9 @@ fn update_call(bencher: Bencher, kind: Kind, (episodes, hidden): (usize, usize),
     };
     let (mut learner, rollout) = (learner(kind, hidden), rollout(episodes));
     learner.compute_on(&opened);
-    bencher.counter(ItemsCount::new(episodes * STEPS)).bench_local(|| learner.update(&rollout, 1e-4));
+    bencher
+        .counter(ItemsCount::new(episodes * STEPS))
+        .bench_local(|| learner.update(rollout.episodes(), 1e-4));
     opened.check().expect("the GPU has computed everything");
 }
 

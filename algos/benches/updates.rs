@@ -91,7 +91,9 @@ fn ppo(bencher: Bencher, task: &Task, kind: Kind, episodes: usize) {
     let rollout = task.episodes(episodes);
     let rng = &mut ChaCha8Rng::seed_from_u64(1);
     let mut learner = Ppo::new(config, task.obs_size, task.n_actions, rng);
-    bencher.counter(ItemsCount::new(count)).bench_local(|| learner.update(black_box(&rollout), 1e-5));
+    bencher
+        .counter(ItemsCount::new(count))
+        .bench_local(|| learner.update(black_box(rollout.episodes()), 1e-5));
 }
 
 fn iql(bencher: Bencher, task: &Task, kind: Kind, hidden: usize) {

@@ -25,9 +25,9 @@ impl Acting {
         self.states.resize(copies * hidden, 0.0);
     }
 
-    /// The outputs (`rows × outputs`) for one tick, in which row `k` of `obs` (`rows × inputs`) shows
+    /// One tick, in which row `k` of `obs` (`rows × inputs`) shows
     /// environment copy `copies[k]`.
-    pub fn step(&mut self, network: &Network, values: &[f32], copies: &[u16], obs: &[f32]) -> &mut [f32] {
+    pub fn step(&mut self, network: &Network, values: &[f32], copies: &[u16], obs: &[f32]) {
         let Self { states, rows, work } = self;
         let hidden = network.hidden;
         rows.clear();
@@ -38,6 +38,10 @@ impl Acting {
         for (row, &copy) in rows.chunks_exact(hidden).zip(copies) {
             states[usize::from(copy) * hidden..][..hidden].copy_from_slice(row);
         }
-        &mut work.out
+    }
+
+    /// The outputs of the last tick, `rows × outputs`.
+    pub fn out(&mut self) -> &mut [f32] {
+        &mut self.work.out
     }
 }

@@ -1,5 +1,7 @@
 //! Services that the process gives to a learner: a clock, and threads. Neither can change a result.
 
+use std::sync::mpsc;
+
 use serde::Serialize;
 
 /// The services of a process. The default has no clock and no second thread.
@@ -18,6 +20,25 @@ impl Default for Host {
             second();
         };
         Self { clock: || 0.0, both: one_after_the_other }
+    }
+}
+
+impl Host {
+    /// For each of `steps`, in order, calls `produce`, which gives one item, and `consume`, which takes it. Where the
+    /// host runs two things at once, `produce` runs ahead in a thread of its own. The result is the same.
+    pub(crate) fn pipelined<S: Copy, T: Send>(
+        self,
+        steps: impl Iterator<Item = S> + Clone + Send,
+        mut produce: impl FnMut(S, &mut dyn FnMut(T)) + Send,
+        mut consume: impl FnMut(S, &mut dyn FnMut() -> T) + Send,
+    ) {
+        let (sender, receiver) = mpsc::channel();
+        let mut give = move |item| sender.send(item).expect("every item is taken");
+        let mut take = move || receiver.recv().expect("every step gives an item");
+        let ahead = steps.clone();
+        let mut first = move || ahead.clone().for_each(|step| produce(step, &mut give));
+        let mut second = move || steps.clone().for_each(|step| consume(step, &mut take));
+        (self.both)(&mut first, &mut second);
     }
 }
 
@@ -58,21 +79,36 @@ impl Seconds {
     }
 }
 
-/// Splits time into laps.
-pub(crate) struct Stopwatch {
+/// The account of a learner's time: each lap goes to one of [`Seconds`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Laps {
     clock: fn() -> f64,
     last: f64,
+    pub seconds: Seconds,
 }
 
-impl Stopwatch {
-    pub fn start(host: Host) -> Self {
-        Self { clock: host.clock, last: (host.clock)() }
+impl Default for Laps {
+    fn default() -> Self {
+        Self { clock: Host::default().clock, last: 0.0, seconds: Seconds::default() }
+    }
+}
+
+impl Laps {
+    /// Uses this clock from now on.
+    pub fn run_on(&mut self, host: Host) {
+        self.clock = host.clock;
+        self.start();
     }
 
-    /// Adds the time since the last lap, or the start, to `account`.
-    pub fn lap(&mut self, account: &mut f64) {
+    /// The next lap begins now.
+    pub fn start(&mut self) {
+        self.last = (self.clock)();
+    }
+
+    /// Adds the time since the last lap, or the start, to an account.
+    pub fn add(&mut self, account: impl FnOnce(&mut Seconds) -> &mut f64) {
         let now = (self.clock)();
-        *account += now - self.last;
+        *account(&mut self.seconds) += now - self.last;
         self.last = now;
     }
 }

@@ -23,16 +23,16 @@ mod draws;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::acting::Acting;
 use crate::adam::Adam;
 use crate::device::Device;
-use crate::host::{Host, Seconds, Stopwatch};
-use crate::network::{Activations, Kind, Network};
-use crate::params::initial;
+use crate::host::{Host, Seconds};
+use crate::learner::{Learner, OffPolicy, Scalars};
+use crate::network::{Kind, Network};
 use crate::reward_stats::{RewardStats, Standardisation};
 use crate::rollout::Episode;
 use crate::saved::{self, NamedTensor, RestoreError, Vector};
 use crate::target;
+use crate::trained::{Descent, Trained};
 use batch::{Batch, Part};
 
 pub use draws::{epsilon, sample_distinct};
@@ -97,104 +97,37 @@ pub struct Counters {
 #[derive(Clone, Debug)]
 pub struct Iql {
     config: Config,
-    network: Network,
-    values: Vec<f32>,
+    q: Trained,
     target_values: Vec<f32>,
-    adam: Adam,
     reward_stats: RewardStats,
     update_calls: u64,
     last_target_copy: u64,
-    acting: Acting,
-    work: Work,
-    host: Host,
-    seconds: Seconds,
-}
-
-/// Buffers of an update call, reused by the next one.
-#[derive(Clone, Debug, Default)]
-struct Work {
+    // Buffers of an update call, allocated once.
     batch: Batch,
     part: Part,
-    activations: Activations,
     /// q̄ of the part, `rows × n_actions`.
     target_q: Vec<f32>,
     d_q: Vec<f32>,
-    gradient: Vec<f32>,
 }
 
 impl Iql {
-    /// A new learner. `rng` draws the initial weights (algorithms §1.3); the target network starts with the same ones.
+    /// A new learner. `rng` draws the initial weights (algorithms §1.3), which the target network shares.
     pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
         let network =
             Network { kind: config.network, inputs: obs_size, hidden: config.hidden, outputs: n_actions };
-        let values = initial(&network.blocks(), rng);
+        let q = Trained::new(network, rng);
         Self {
-            adam: Adam::new(values.len()),
-            target_values: values.clone(),
+            target_values: q.values.clone(),
             reward_stats: RewardStats::default(),
             update_calls: 0,
             last_target_copy: 0,
-            acting: Acting::default(),
-            work: Work { gradient: vec![0.0; values.len()], ..Work::default() },
-            host: Host::default(),
-            seconds: Seconds::default(),
+            batch: Batch::default(),
+            part: Part::default(),
+            target_q: Vec::new(),
+            d_q: Vec::new(),
             config,
-            network,
-            values,
+            q,
         }
-    }
-
-    /// Computes the passes of the networks on `device` from now on. The caller must call [`Device::check`] before it
-    /// uses the result of an update call or an action.
-    pub fn compute_on(&mut self, device: &Device) {
-        self.acting.compute_on(device);
-        self.work.activations.on = device.passes();
-        self.work.batch.part_size = device.part_size();
-    }
-
-    /// Uses this clock from now on.
-    pub fn run_on(&mut self, host: Host) {
-        self.host = host;
-    }
-
-    /// Seconds so far.
-    pub fn seconds(&self) -> Seconds {
-        self.seconds
-    }
-
-    /// Update calls completed, the `u` of the schedule.
-    pub fn update_calls(&self) -> u64 {
-        self.update_calls
-    }
-
-    /// Starts an episode in each of `copies` environment copies: recurrent states are zero.
-    pub fn begin_round(&mut self, copies: usize) {
-        self.acting.begin(copies, self.config.hidden);
-    }
-
-    /// Chooses one available action for each row, ε-greedily, with a separate coin for each row.
-    ///
-    /// Row `k` shows environment copy `copies[k]`: `obs` is `rows × obs_size`, `avail` is
-    /// `rows × n_actions`. Draws the same number of values from `rng` for every row and every `epsilon`.
-    pub fn act(
-        &mut self,
-        copies: &[u16],
-        obs: &[f32],
-        avail: &[u8],
-        epsilon: f64,
-        rng: &mut impl Rng,
-        actions: &mut Vec<u16>,
-    ) {
-        let n_actions = self.network.outputs;
-        // Also for random actions: the recurrent state has to follow every observation.
-        let mut watch = Stopwatch::start(self.host);
-        let out = self.acting.step(&self.network, &self.values, copies, obs);
-        watch.lap(&mut self.seconds.acting);
-        actions.clear();
-        for (q, avail) in out.chunks_exact(n_actions).zip(avail.chunks_exact(n_actions)) {
-            actions.push(draws::epsilon_greedy(q, avail, epsilon, rng) as u16);
-        }
-        watch.lap(&mut self.seconds.choosing);
     }
 
     /// One update call on a minibatch, with learning rate `lr`.
@@ -203,82 +136,133 @@ impl Iql {
     /// If there is no episode, or one without steps.
     pub fn update(&mut self, episodes: &[Episode], lr: f64) -> UpdateStats {
         assert!(!episodes.is_empty(), "an update call has episodes to learn from");
-        let Work { batch, part, activations: to, target_q, d_q, gradient } = &mut self.work;
-        let (mut watch, seconds) = (Stopwatch::start(self.host), &mut self.seconds);
-        batch.begin(episodes, &self.network);
-        self.reward_stats.standardise(self.config.reward_standardisation, &mut batch.rewards);
+        let Self { config, q, target_values, batch, part, target_q, d_q, .. } = self;
+        q.begin_update();
+        batch.begin(episodes, &q.network);
+        self.reward_stats.standardise(config.reward_standardisation, &mut batch.rewards);
 
         let mut stats = UpdateStats::default();
-        gradient.fill(0.0);
         for k in 0..batch.parts.len() {
-            part.fill(batch, k, episodes, &self.network, self.config.time_limit_is_terminal);
-            watch.lap(&mut seconds.layout);
-            // The target network first: the buffers must hold the online network's activations for the backward pass.
-            self.network.forward(&self.target_values, &part.obs, &part.steps, to);
-            std::mem::swap(&mut to.out, target_q);
-            self.network.forward(&self.values, &part.obs, &part.steps, to);
-            watch.lap(&mut seconds.forward);
-            self.config.temporal_differences(part, batch.count, &to.out, target_q, d_q, &mut stats);
-            watch.lap(&mut seconds.loss);
-            self.network.backward(&self.values, &part.obs, &part.steps, d_q, to, gradient);
-            watch.lap(&mut seconds.backward);
+            part.fill(batch, k, episodes, &q.network, config.time_limit_is_terminal);
+            // The target network first: the backward pass needs the activations of the other one.
+            q.forward_with(target_values, &part.obs, &part.steps);
+            std::mem::swap(&mut q.activations.out, target_q);
+            q.forward(&part.obs, &part.steps);
+            config.temporal_differences(part, batch.count, q.out(), target_q, d_q, &mut stats);
+            q.backward(&part.obs, &part.steps, d_q);
         }
-        let Config { max_grad_norm, hold_frozen_moments, .. } = self.config;
-        stats.grad_norm =
-            self.adam.clipped_step(&mut self.values, gradient, max_grad_norm, lr, hold_frozen_moments);
+        let Config { max_grad_norm, hold_frozen_moments, target_update, .. } = *config;
+        stats.grad_norm = q.descend(Descent { lr, max_grad_norm, hold_frozen_moments });
 
         self.update_calls += 1;
-        let (rule, target) = (self.config.target_update, &mut self.target_values);
-        target::update(rule, self.update_calls, &mut self.last_target_copy, target, &self.values);
-        watch.lap(&mut seconds.optimiser);
+        target::update(
+            target_update,
+            self.update_calls,
+            &mut self.last_target_copy,
+            target_values,
+            &q.values,
+        );
         stats
     }
 
-    /// All tensors of the learner, named; those of the optimiser start with `adam.`.
-    pub fn tensors(&self) -> Vec<NamedTensor<'_>> {
-        saved::tensors(&self.vectors())
-    }
-
-    /// The first of [`Self::tensors`] with an infinite number or NaN, and that number.
-    pub fn first_not_finite(&self) -> Option<(String, f32)> {
-        saved::first_not_finite(&self.vectors())
-    }
-
     fn vectors(&self) -> [Vector<'_>; 4] {
+        let Self { q, target_values, .. } = self;
         [
-            ("q", &self.network, &self.values),
-            ("target_q", &self.network, &self.target_values),
-            ("adam.q.m", &self.network, &self.adam.m),
-            ("adam.q.v", &self.network, &self.adam.v),
+            ("q", &q.network, &q.values),
+            ("target_q", &q.network, target_values),
+            ("adam.q.m", &q.network, &q.adam.m),
+            ("adam.q.v", &q.network, &q.adam.v),
+        ]
+    }
+}
+
+impl Learner for Iql {
+    const KIND: &'static str = "Q";
+
+    type Counters = Counters;
+
+    fn compute_on(&mut self, device: &Device) {
+        self.q.compute_on(device);
+        self.batch.part_size = device.part_size();
+    }
+
+    fn run_on(&mut self, host: Host) {
+        self.q.run_on(host);
+    }
+
+    fn seconds(&self) -> Seconds {
+        self.q.seconds()
+    }
+
+    fn update_calls(&self) -> u64 {
+        self.update_calls
+    }
+
+    fn begin_round(&mut self, copies: usize) {
+        self.q.begin_round(copies);
+    }
+
+    fn learn(&mut self, episodes: &[Episode], lr: f64) -> Scalars {
+        let stats = self.update(episodes, lr);
+        vec![
+            ("loss", stats.loss),
+            ("grad_norm", stats.grad_norm),
+            ("td_error_abs", stats.td_error_abs),
+            ("q_taken_mean", stats.q_taken_mean),
+            ("target_mean", stats.target_mean),
         ]
     }
 
-    /// The small part of a checkpoint.
-    pub fn counters(&self) -> Counters {
+    fn tensors(&self) -> Vec<NamedTensor<'_>> {
+        saved::tensors(&self.vectors())
+    }
+
+    fn first_not_finite(&self) -> Option<(String, f32)> {
+        saved::first_not_finite(&self.vectors())
+    }
+
+    fn counters(&self) -> Counters {
         Counters {
             update_calls: self.update_calls,
             last_target_copy: self.last_target_copy,
-            adam_steps: self.adam.steps,
+            adam_steps: self.q.adam.steps,
             reward_stats: self.reward_stats,
         }
     }
 
-    /// Restores a saved learner; `tensor` returns the numbers of a name.
-    ///
-    /// # Errors
-    /// If a tensor is missing or has another size; this learner is then unchanged.
-    pub fn restore<'a>(
+    fn restore<'a>(
         &mut self,
         counters: &Counters,
         tensor: impl Fn(&str) -> Option<&'a [f32]>,
     ) -> Result<(), RestoreError> {
         let [values, target, m, v] = saved::restored(self.vectors(), tensor)?;
-        (self.values, self.target_values) = (values, target);
-        self.adam = Adam { m, v, steps: counters.adam_steps };
+        (self.q.values, self.target_values) = (values, target);
+        self.q.adam = Adam { m, v, steps: counters.adam_steps };
         self.reward_stats = counters.reward_stats;
         self.update_calls = counters.update_calls;
         self.last_target_copy = counters.last_target_copy;
         Ok(())
+    }
+}
+
+impl OffPolicy for Iql {
+    fn act(
+        &mut self,
+        copies: &[u16],
+        obs: &[f32],
+        avail: &[u8],
+        epsilon: f64,
+        rng: &mut impl Rng,
+        actions: &mut Vec<u16>,
+    ) {
+        let n_actions = self.q.network.outputs;
+        // Also for random actions: the recurrent state has to follow every observation.
+        let q = self.q.act(copies, obs);
+        actions.clear();
+        for (q, avail) in q.chunks_exact(n_actions).zip(avail.chunks_exact(n_actions)) {
+            actions.push(draws::epsilon_greedy(q, avail, epsilon, rng) as u16);
+        }
+        self.q.has_chosen();
     }
 }
 

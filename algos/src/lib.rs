@@ -4,10 +4,12 @@
 //! passed in ([`host`]) and measures speed. Every matrix is row-major `f32`. Every sum has one fixed order, so the
 //! same inputs give the same bits.
 //!
-//! Reading order: [`ppo`] and [`iql`] are the algorithms; [`rollout`] holds their data; [`returns`], [`reward_stats`]
+//! Reading order: [`ppo`] and [`iql`] are the algorithms, [`learner`] what they have in common; [`rollout`] holds
+//! their data; [`returns`], [`reward_stats`]
 //! and [`adam`] are their parts; [`network`] and [`kernels`] are the arithmetic, and [`device`] the same on a GPU.
 
 pub mod iql;
+pub mod learner;
 pub mod ppo;
 pub mod rollout;
 
@@ -21,6 +23,7 @@ pub mod returns;
 pub mod reward_stats;
 pub mod saved;
 mod target;
+mod trained;
 
 pub mod device;
 pub mod kernels;

@@ -27,25 +27,22 @@ mod batch;
 mod critic;
 mod loss;
 
-use std::sync::mpsc;
-
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::acting::Acting;
 use crate::adam::Adam;
 use crate::device::Device;
-use crate::host::{Host, Seconds, Stopwatch};
+use crate::host::{Host, Seconds};
+use crate::learner::{Choice, Learner, OnPolicy, Scalars};
 use crate::network::{Kind, Network};
 use crate::returns::EndOfBatch;
 use crate::reward_stats::{RewardStats, Standardisation};
-use crate::rollout::Rollout;
-use crate::saved::{self, Vector};
+use crate::rollout::Episode;
+use crate::saved::{self, NamedTensor, RestoreError, Vector};
+use crate::trained::Descent;
 use actor::Actor;
 use batch::Batch;
 use critic::Critic;
-
-pub use crate::saved::{NamedTensor, RestoreError};
 
 /// Hyperparameters of one learner; defaults and sources are in algorithms §4.2, §9.1.
 #[derive(Clone, Debug, PartialEq)]
@@ -114,16 +111,7 @@ pub struct Counters {
     pub reward_stats: RewardStats,
 }
 
-/// How an action is chosen from probabilities.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Choice {
-    /// Sampled, as in training.
-    Sample,
-    /// The most probable action, the lowest of equals.
-    Greedy,
-}
-
-/// One agent's learner: actor, critic, target critic and their optimisers.
+/// One agent's learner: actor, critic and target critic with their optimisers.
 #[derive(Clone, Debug)]
 pub struct Ppo {
     config: Config,
@@ -131,18 +119,17 @@ pub struct Ppo {
     critic: Critic,
     reward_stats: RewardStats,
     update_calls: u64,
-    acting: Acting,
     batch: Batch,
     host: Host,
 }
 
 impl Ppo {
-    /// A new learner. `rng` draws the initial weights of the actor, then of the critic (algorithms §1.3).
+    /// A fresh learner; `rng` gives the initial weights of the actor, then of the critic (algorithms §1.3).
     pub fn new(config: Config, obs_size: usize, n_actions: usize, rng: &mut impl Rng) -> Self {
         Self::with_extra_inputs(config, (obs_size, 0), n_actions, rng)
     }
 
-    /// The same, with `extra` numbers after each observation, for the actor only (algorithms §1.2, §1.4).
+    /// The same with `extra` numbers after each observation, which only the actor receives (algorithms §1.4).
     pub fn with_extra_inputs(
         config: Config,
         (obs_size, extra): (usize, usize),
@@ -158,46 +145,136 @@ impl Ppo {
             critic: Critic::new(critic, rng),
             reward_stats: RewardStats::default(),
             update_calls: 0,
-            acting: Acting::default(),
             batch: Batch::default(),
             host: Host::default(),
         }
     }
 
-    /// Computes the passes of the networks on `device` from now on. The caller must call [`Device::check`] before it
-    /// uses the result of an update call or an action.
-    pub fn compute_on(&mut self, device: &Device) {
-        self.acting.compute_on(device);
-        self.actor.compute_on(device);
-        self.critic.compute_on(device);
+    /// One update call on the episodes of a round, with learning rate `lr` for actor and critic in all epochs.
+    ///
+    /// # Panics
+    /// If there is an episode without steps.
+    pub fn update(&mut self, episodes: &[Episode], lr: f64) -> UpdateStats {
+        let Self { config, actor, critic, batch, host, .. } = self;
+        batch.begin(episodes, &actor.policy.network);
+        self.reward_stats.standardise(config.reward_standardisation, &mut batch.rewards);
+        critic.compute_returns(config, batch, episodes);
+        actor.begin_update();
+
+        let (config, batch) = (&*config, &*batch);
+        let by = config.descent(lr);
+        // The critic needs returns only and does not wait for the actor. The actor waits for A.
+        host.pipelined(
+            batch.steps(config.epochs),
+            |step, give| {
+                give(critic.advantages(config, batch, episodes, step));
+                critic.descend(step, by);
+            },
+            |step, take| {
+                actor.evaluate(batch, episodes, step);
+                actor.descend(config, batch, step, take, by);
+            },
+        );
+        self.update_calls += 1;
+        self.critic.update_target(&self.config, self.update_calls);
+        self.critic.stats.plus(self.actor.stats).scaled(1.0 / self.config.epochs as f64)
+    }
+
+    fn vectors(&self) -> [Vector<'_>; 7] {
+        let (policy, value) = (&self.actor.policy, &self.critic.value);
+        [
+            ("actor", &policy.network, &policy.values),
+            ("critic", &value.network, &value.values),
+            ("target_critic", &value.network, &self.critic.target_values),
+            ("adam.actor.m", &policy.network, &policy.adam.m),
+            ("adam.actor.v", &policy.network, &policy.adam.v),
+            ("adam.critic.m", &value.network, &value.adam.m),
+            ("adam.critic.v", &value.network, &value.adam.v),
+        ]
+    }
+}
+
+impl Learner for Ppo {
+    const KIND: &'static str = "Ppo";
+
+    type Counters = Counters;
+
+    fn compute_on(&mut self, device: &Device) {
+        self.actor.policy.compute_on(device);
+        self.critic.value.compute_on(device);
         self.batch.part_size = device.part_size();
     }
 
-    /// Uses this clock from now on, and lets actor and critic learn in parallel if `host` does.
-    pub fn run_on(&mut self, host: Host) {
+    fn run_on(&mut self, host: Host) {
+        self.actor.policy.run_on(host);
+        self.critic.value.run_on(host);
         self.host = host;
     }
 
-    /// Seconds so far.
-    pub fn seconds(&self) -> Seconds {
-        self.actor.seconds.plus(self.critic.seconds)
+    fn seconds(&self) -> Seconds {
+        self.actor.policy.seconds().plus(self.critic.value.seconds())
     }
 
-    /// Update calls completed, the `u` of the schedule.
-    pub fn update_calls(&self) -> u64 {
+    fn update_calls(&self) -> u64 {
         self.update_calls
     }
 
-    /// Starts an episode in each of `copies` environment copies: recurrent states are zero.
-    pub fn begin_round(&mut self, copies: usize) {
-        self.acting.begin(copies, self.config.hidden);
+    fn begin_round(&mut self, copies: usize) {
+        self.actor.policy.begin_round(copies);
     }
 
-    /// Chooses one action for each row from the policy, which gives unavailable actions the probability 0.
-    ///
-    /// Row `k` shows environment copy `copies[k]`: `obs` is `rows × obs_size`, `avail` is
-    /// `rows × n_actions`. Draws exactly one number per row from `rng`.
-    pub fn act(
+    fn learn(&mut self, episodes: &[Episode], lr: f64) -> Scalars {
+        let stats = self.update(episodes, lr);
+        vec![
+            ("actor_loss", stats.actor_loss),
+            ("critic_loss", stats.critic_loss),
+            ("entropy", stats.entropy),
+            ("actor_grad_norm", stats.actor_grad_norm),
+            ("critic_grad_norm", stats.critic_grad_norm),
+            ("clip_fraction", stats.clip_fraction),
+            ("advantage_mean", stats.advantage_mean),
+            ("target_mean", stats.target_mean),
+        ]
+    }
+
+    fn tensors(&self) -> Vec<NamedTensor<'_>> {
+        saved::tensors(&self.vectors())
+    }
+
+    fn first_not_finite(&self) -> Option<(String, f32)> {
+        saved::first_not_finite(&self.vectors())
+    }
+
+    fn counters(&self) -> Counters {
+        Counters {
+            update_calls: self.update_calls,
+            last_target_copy: self.critic.last_target_copy,
+            actor_steps: self.actor.policy.adam.steps,
+            critic_steps: self.critic.value.adam.steps,
+            reward_stats: self.reward_stats,
+        }
+    }
+
+    fn restore<'a>(
+        &mut self,
+        counters: &Counters,
+        tensor: impl Fn(&str) -> Option<&'a [f32]>,
+    ) -> Result<(), RestoreError> {
+        let [of_actor, of_critic, target, actor_m, actor_v, critic_m, critic_v] =
+            saved::restored(self.vectors(), tensor)?;
+        let (policy, value) = (&mut self.actor.policy, &mut self.critic.value);
+        (policy.values, value.values, self.critic.target_values) = (of_actor, of_critic, target);
+        policy.adam = Adam { m: actor_m, v: actor_v, steps: counters.actor_steps };
+        value.adam = Adam { m: critic_m, v: critic_v, steps: counters.critic_steps };
+        self.critic.last_target_copy = counters.last_target_copy;
+        self.reward_stats = counters.reward_stats;
+        self.update_calls = counters.update_calls;
+        Ok(())
+    }
+}
+
+impl OnPolicy for Ppo {
+    fn act(
         &mut self,
         copies: &[u16],
         obs: &[f32],
@@ -206,13 +283,10 @@ impl Ppo {
         rng: &mut impl Rng,
         actions: &mut Vec<u16>,
     ) {
-        let Actor { network, values, seconds, .. } = &mut self.actor;
-        let mut watch = Stopwatch::start(self.host);
-        let out = self.acting.step(network, values, copies, obs);
-        watch.lap(&mut seconds.acting);
+        let n_actions = self.actor.policy.network.outputs;
+        let logits = self.actor.policy.act(copies, obs);
         actions.clear();
-        let n_actions = network.outputs;
-        for (logits, avail) in out.chunks_exact_mut(n_actions).zip(avail.chunks_exact(n_actions)) {
+        for (logits, avail) in logits.chunks_exact_mut(n_actions).zip(avail.chunks_exact(n_actions)) {
             loss::softmax(logits, avail);
             let u = rng.random();
             actions.push(match choice {
@@ -220,92 +294,13 @@ impl Ppo {
                 Choice::Greedy => loss::most_probable(logits),
             });
         }
-        watch.lap(&mut seconds.choosing);
+        self.actor.policy.has_chosen();
     }
+}
 
-    /// One update call on a finished round, with learning rate `lr` for actor and critic in all epochs.
-    ///
-    /// # Panics
-    /// If there is an episode without steps.
-    pub fn update(&mut self, rollout: &Rollout, lr: f64) -> UpdateStats {
-        let Self { config, actor, critic, reward_stats, batch, host, .. } = self;
-        let episodes = rollout.episodes();
-        batch.begin(episodes, &actor.network);
-        reward_stats.standardise(config.reward_standardisation, &mut batch.rewards);
-        critic.compute_returns(config, batch, episodes, *host);
-
-        // The critic needs returns only and does not wait for the actor. The actor waits for A.
-        let (config, batch, host) = (&*config, &*batch, *host);
-        let (advantages, from_critic) = mpsc::channel();
-        let (mut of_critic, mut of_actor) = (UpdateStats::default(), UpdateStats::default());
-        let to_actor = &mut of_actor;
-        let mut values = || {
-            let give = |a| advantages.send(a).expect("the actor takes them all");
-            of_critic = critic.learn(config, batch, episodes, lr, host, give);
-        };
-        let mut policy = move || {
-            let take = || from_critic.recv().expect("the critic gives one for each part and epoch");
-            *to_actor = actor.learn(config, batch, episodes, lr, host, take);
-        };
-        (host.both)(&mut values, &mut policy);
-        self.update_calls += 1;
-        self.critic.update_target(&self.config, self.update_calls);
-        of_critic.plus(of_actor).scaled(1.0 / self.config.epochs as f64)
-    }
-
-    /// All tensors of the learner, named; those of the optimisers start with `adam.`.
-    pub fn tensors(&self) -> Vec<NamedTensor<'_>> {
-        saved::tensors(&self.vectors())
-    }
-
-    /// The first of [`Self::tensors`] with an infinite number or NaN, and that number.
-    pub fn first_not_finite(&self) -> Option<(String, f32)> {
-        saved::first_not_finite(&self.vectors())
-    }
-
-    fn vectors(&self) -> [Vector<'_>; 7] {
-        let Self { actor, critic, .. } = self;
-        [
-            ("actor", &actor.network, &actor.values),
-            ("critic", &critic.network, &critic.values),
-            ("target_critic", &critic.network, &critic.target_values),
-            ("adam.actor.m", &actor.network, &actor.adam.m),
-            ("adam.actor.v", &actor.network, &actor.adam.v),
-            ("adam.critic.m", &critic.network, &critic.adam.m),
-            ("adam.critic.v", &critic.network, &critic.adam.v),
-        ]
-    }
-
-    /// The small part of a checkpoint.
-    pub fn counters(&self) -> Counters {
-        Counters {
-            update_calls: self.update_calls,
-            last_target_copy: self.critic.last_target_copy,
-            actor_steps: self.actor.adam.steps,
-            critic_steps: self.critic.adam.steps,
-            reward_stats: self.reward_stats,
-        }
-    }
-
-    /// Restores a saved learner; `tensor` returns the numbers of a name.
-    ///
-    /// # Errors
-    /// If a tensor is missing or has another size; this learner is then unchanged.
-    pub fn restore<'a>(
-        &mut self,
-        counters: &Counters,
-        tensor: impl Fn(&str) -> Option<&'a [f32]>,
-    ) -> Result<(), RestoreError> {
-        let [of_actor, of_critic, target, actor_m, actor_v, critic_m, critic_v] =
-            saved::restored(self.vectors(), tensor)?;
-        let Self { actor, critic, .. } = self;
-        (actor.values, critic.values, critic.target_values) = (of_actor, of_critic, target);
-        actor.adam = Adam { m: actor_m, v: actor_v, steps: counters.actor_steps };
-        critic.adam = Adam { m: critic_m, v: critic_v, steps: counters.critic_steps };
-        critic.last_target_copy = counters.last_target_copy;
-        self.reward_stats = counters.reward_stats;
-        self.update_calls = counters.update_calls;
-        Ok(())
+impl Config {
+    fn descent(&self, lr: f64) -> Descent {
+        Descent { lr, max_grad_norm: self.max_grad_norm, hold_frozen_moments: self.hold_frozen_moments }
     }
 }
 

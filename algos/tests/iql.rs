@@ -2,6 +2,7 @@
 //! checkpoints.
 
 use algos::iql::{Config, Iql, UpdateStats};
+use algos::learner::{Learner, OffPolicy};
 use algos::network::Kind;
 use algos::reward_stats::Standardisation;
 use algos::rollout::{End, Episode};

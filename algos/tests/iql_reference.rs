@@ -2,6 +2,7 @@
 //! tensors with masks, double precision, candle's automatic differentiation.
 
 use algos::iql::{Config, Iql, UpdateStats};
+use algos::learner::Learner;
 use algos::network::Kind;
 use algos::reward_stats::Standardisation;
 use algos::rollout::{End, Episode};

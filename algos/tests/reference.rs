@@ -2,8 +2,9 @@
 //! precision, candle's automatic differentiation, none of our kernels.
 
 use algos::host::Host;
+use algos::learner::{Choice, Learner, OnPolicy};
 use algos::network::Kind;
-use algos::ppo::{Choice, Config, Ppo};
+use algos::ppo::{Config, Ppo};
 use algos::returns::EndOfBatch;
 use algos::reward_stats::Standardisation;
 use algos::rollout::{End, Rollout};
@@ -201,7 +202,7 @@ fn compare(config: Config, lengths: &[usize], reward_scale: f32) {
     let lr = 1e-3;
     for call in 0..5 {
         let rollout = play(&mut learner, lengths, reward_scale, &mut rng);
-        learner.update(&rollout, lr);
+        learner.update(rollout.episodes(), lr);
         reference.update(&rollout, lr).expect("reference update");
         let parts = [
             ("actor", &reference.actor.values),
@@ -264,7 +265,7 @@ fn actor_and_critic_that_learn_at_once_come_to_the_same_bits() {
         other.run_on(Host { both: at_once, ..Host::default() });
         for _ in 0..3 {
             let rollout = play(&mut learner, &many(60), 1.0, &mut rng);
-            assert_eq!(learner.update(&rollout, 1e-3), other.update(&rollout, 1e-3));
+            assert_eq!(learner.update(rollout.episodes(), 1e-3), other.update(rollout.episodes(), 1e-3));
             assert_eq!(learner.tensors(), other.tensors());
         }
     }
@@ -317,7 +318,7 @@ fn a_frozen_agent_keeps_its_weights_while_its_moments_follow_the_option() {
         let before = learner.clone();
         for _ in 0..3 {
             let rollout = play(&mut learner, &[4, 6], 1.0, &mut rng);
-            learner.update(&rollout, 0.0);
+            learner.update(rollout.episodes(), 0.0);
         }
         for (old, new) in before.tensors().iter().zip(learner.tensors()) {
             let moments = new.0.starts_with("adam.");
@@ -334,7 +335,7 @@ fn a_restored_learner_goes_on_with_the_same_bits() {
     let mut rng = ChaCha8Rng::seed_from_u64(11);
     let mut learner = Ppo::new(config.clone(), OBS, ACTIONS, &mut rng);
     let first = play(&mut learner, &[4, 6], 1.0, &mut rng);
-    learner.update(&first, 1e-3);
+    learner.update(first.episodes(), 1e-3);
     let counters = learner.counters();
     let saved: Vec<(String, Vec<f32>)> =
         learner.tensors().into_iter().map(|(n, _, d)| (n, d.to_vec())).collect();
@@ -343,7 +344,7 @@ fn a_restored_learner_goes_on_with_the_same_bits() {
     let find = |name: &str| saved.iter().find(|(n, _)| n == name).map(|(_, d)| d.as_slice());
     other.restore(&counters, find).expect("it fits");
     let second = play(&mut learner, &[5, 5], 1.0, &mut rng);
-    assert_eq!(learner.update(&second, 1e-3), other.update(&second, 1e-3));
+    assert_eq!(learner.update(second.episodes(), 1e-3), other.update(second.episodes(), 1e-3));
     assert_eq!(learner.tensors(), other.tensors());
     assert_eq!(learner.counters(), other.counters());
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use algos::ppo::Choice;
+use algos::learner::Choice;
 use process::Failure;
 use proto::config::{Learner, PolicyTest};
 use proto::exit;

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use agent::Learner;
-use algos::ppo::Choice;
+use algos::learner::Choice;
 use env_server::Copies;
 use process::Failure;
 use proto::config::Config;

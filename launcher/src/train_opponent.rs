@@ -9,8 +9,9 @@ use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
+use algos::learner::{Choice, Learner, OnPolicy};
 use algos::network::Kind;
-use algos::ppo::{Choice, Config, Ppo};
+use algos::ppo::{Config, Ppo};
 use algos::returns::EndOfBatch;
 use algos::reward_stats::Standardisation;
 use algos::rollout::{End, Rollout};
@@ -210,7 +211,7 @@ impl Arena {
     /// One update call of everybody.
     fn learn(&mut self) {
         for seat in &mut self.seats {
-            seat.learner.update(&seat.rollout, LEARNING_RATE);
+            seat.learner.update(seat.rollout.episodes(), LEARNING_RATE);
         }
     }
 }

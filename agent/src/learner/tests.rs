@@ -1,11 +1,12 @@
 //! What agents draw together, what their critics are shown, and how a learner ends whose numbers are none any more.
 
 use algos::iql::sample_distinct;
-use proto::config::AlgoName;
+use proto::config::{AlgoName, Draws};
 use proto::presets::{self, Family};
 use store::RunFolder;
 use tempfile::TempDir;
 
+use super::off_policy::draws;
 use super::*;
 
 const OBS: usize = 2;
@@ -20,10 +21,15 @@ struct Playing {
 
 impl Playing {
     fn new(name: AlgoName) -> Self {
+        Self::with_minibatch(name, 1)
+    }
+
+    /// Q-learning draws `batch` episodes for an update call.
+    fn with_minibatch(name: AlgoName, batch: u32) -> Self {
         let mut config = presets::config("r", "t", 2, name, Family::Lbf);
         (config.algo.hidden, config.world.copies) = (4, 1);
         if let Some(q) = &mut config.q {
-            q.batch = 1;
+            q.batch = batch;
         }
         let tmp = tempfile::tempdir().unwrap();
         let folder = RunFolder::create(tmp.path().join("run"), &config.to_toml()).unwrap();
@@ -153,13 +159,11 @@ fn a_reward_that_is_no_number_stops_the_learner_in_the_update_call_that_it_was_f
 
 #[test]
 fn an_infinite_reward_is_noticed_before_there_is_enough_to_learn_from() {
-    let mut playing = Playing::new(AlgoName::Iql);
-    let Method::Q(q) = &mut playing.learner.method else { panic!("it learns by Q-learning") };
-    q.settings.batch = 5;
+    let mut playing = Playing::with_minibatch(AlgoName::Iql, 5);
     let text = ends_for_good(playing.play([f32::INFINITY, 0.0]));
     assert!(text.contains("in update call 0: the reward of step 0 in copy 0 is inf"), "{text}");
-    let Method::Q(q) = &playing.learner.method else { panic!("it learns by Q-learning") };
-    assert_eq!(q.remembered(), 0, "it is not remembered either");
+    let counters = playing.learner.algorithm.counters().unwrap();
+    assert_eq!(counters["remembered"], 0, "it is not remembered either");
 }
 
 #[test]

@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::*;
 use crate::iql::{self, Iql};
 use crate::kernels::gru::Steps;
+use crate::learner::Learner;
 use crate::network::{ActWork, Activations, Kind, Network};
 use crate::params::initial;
 use crate::ppo::{self, Ppo};
@@ -143,7 +144,8 @@ fn ppo_follows(device: &Device, kind: Kind) {
     there.compute_on(device);
     for call in 1..=CALLS {
         let rollout = rollout(&mut rng);
-        let (expected, found) = (here.update(&rollout, 1e-3), there.update(&rollout, 1e-3));
+        let (expected, found) =
+            (here.update(rollout.episodes(), 1e-3), there.update(rollout.episodes(), 1e-3));
         assert_close(&format!("PPO, {kind:?}"), call, distance(&there.tensors(), &here.tensors()));
         close("actor loss", found.actor_loss, expected.actor_loss);
         close("critic loss", found.critic_loss, expected.critic_loss);
@@ -284,7 +286,7 @@ fn a_checkpoint_from_a_device_goes_on_on_the_kernels() {
     let (first, second) = (rollout(&mut rng), rollout(&mut rng));
     let mut there = Ppo::new(ppo_config(Kind::Gru), OBS, ACTIONS, &mut rng);
     there.compute_on(&cpu());
-    there.update(&first, 1e-3);
+    there.update(first.episodes(), 1e-3);
 
     let saved: Vec<(String, Vec<f32>)> =
         there.tensors().into_iter().map(|(name, _, data)| (name, data.to_vec())).collect();
@@ -292,8 +294,8 @@ fn a_checkpoint_from_a_device_goes_on_on_the_kernels() {
     let mut here = Ppo::new(ppo_config(Kind::Gru), OBS, ACTIONS, &mut rng);
     here.restore(&there.counters(), find).expect("it fits");
     assert_eq!(here.tensors(), there.tensors());
-    here.update(&second, 1e-3);
-    there.update(&second, 1e-3);
+    here.update(second.episodes(), 1e-3);
+    there.update(second.episodes(), 1e-3);
     assert_close("one went over", 2, distance(&there.tensors(), &here.tensors()));
 }
 

@@ -57,6 +57,14 @@ impl Batch {
         self.returns.resize(episodes.len() * longest, 0.0);
     }
 
+    /// All parts, in every epoch.
+    pub fn steps(&self, epochs: usize) -> impl Iterator<Item = Step> + Clone + Send + use<> {
+        let parts = self.parts.len();
+        let of_epoch =
+            move |epoch| (0..parts).map(move |part| Step { epoch, part, ends_epoch: part + 1 == parts });
+        (0..epochs).flat_map(of_epoch)
+    }
+
     fn longest(&self) -> usize {
         self.rewards.len() / self.order.len()
     }
@@ -89,6 +97,15 @@ impl Batch {
             n_step_returns(&episode, n, gamma, rule, &mut self.returns[slots]);
         }
     }
+}
+
+/// One part of a batch in one epoch.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    pub epoch: usize,
+    pub part: usize,
+    /// It is the last part.
+    pub ends_epoch: bool,
 }
 
 /// The rows of some episodes, packed by time. Only played steps have rows, so the mask is implicit (algorithms §2.2):

@@ -1,35 +1,43 @@
 //! Between this process and the pure learners: ticks become inputs, rounds become lessons, state becomes
 //! checkpoints.
 
-use std::collections::VecDeque;
+mod algorithm;
+mod off_policy;
+mod on_policy;
 
 use algos::device::{Device, DeviceName};
 use algos::host::{Host, Seconds};
-use algos::iql::{self, Iql};
-use algos::ppo::{self, Choice, Ppo};
-use algos::rollout::{self, Rollout};
+use algos::learner::Choice;
+use algos::rollout::{self, Episode, Rollout};
 use process::Failure;
-use proto::config::{Config, Draws, PolicyTest, QLearning};
+use proto::config::Config;
 use proto::control::Seat;
 use proto::exit;
 use proto::stream::stream;
-use proto::{End, Mode, Observe};
+use proto::{End, Observe};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use store::{Checkpoint, Position, RoleFolder, Tensor, KEEP};
+use serde_json::{Map, Value};
+use store::{Checkpoint, Position, RoleFolder, Tensor};
 
 use crate::diverged;
 use crate::input::Input;
 use crate::progress::Unlogged;
-use crate::replay::{Replay, DEFAULT_MEMORY_BYTES};
 use crate::settings;
+
+pub use algorithm::Algorithm;
+use algorithm::Rows;
+pub use algos::learner::Scalars;
+pub use off_policy::OffPolicy;
+pub use on_policy::OnPolicy;
 
 /// What a checkpoint holds beside the tensors.
 #[derive(Serialize, Deserialize)]
 pub struct Saved {
     /// Training rounds completed.
     rounds: u64,
-    counters: Counters,
+    /// The kind of learner and its counters.
+    counters: Map<String, Value>,
     /// Scalars that no metric row has yet.
     pub unlogged: Unlogged,
     /// How far metrics.jsonl had come.
@@ -44,26 +52,11 @@ fn on_cpu() -> String {
     DeviceName::Cpu.kind().to_owned()
 }
 
-/// The counters of one kind of learner.
-#[derive(Serialize, Deserialize)]
-enum Counters {
-    Ppo(ppo::Counters),
-    Q {
-        counters: iql::Counters,
-        /// Episodes ever remembered.
-        remembered: u64,
-    },
-}
-
-/// What an update call reports, by name and in the order of metric rows.
-pub type Scalars = Vec<(&'static str, f64)>;
-
 /// The agent's learner and the round it is in.
 pub struct Learner {
-    method: Method,
+    algorithm: Box<dyn Algorithm>,
     input: Input,
     rounds: u64,
-    seed: u64,
     id: u32,
     device: Device,
     /// The device's kind.
@@ -72,21 +65,6 @@ pub struct Learner {
     actions: Vec<u16>,
     /// Rows that still run, when not all of a tick do.
     running: Running,
-}
-
-/// One arm for each kind of learner.
-enum Method {
-    Ppo { ppo: Box<Ppo>, in_tests: Choice },
-    Q(Box<Q>),
-}
-
-struct Q {
-    iql: Iql,
-    settings: QLearning,
-    /// Not there in a learner that only acts.
-    replay: Option<Replay>,
-    /// Episodes remembered at the newest checkpoints, the oldest first.
-    saved: VecDeque<u64>,
 }
 
 #[derive(Default)]
@@ -101,33 +79,12 @@ impl Learner {
     pub fn new(config: &Config, id: u32, (obs_size, n_actions): (usize, usize)) -> Self {
         let mut rng = stream(config.seed, &owner(id), "initial-weights", &[]);
         let input = Input::new(&config.algo, (id, config.world.agents), (obs_size, n_actions));
-        let size = input.size();
-        let method = match (&config.ppo, &config.q) {
-            (Some(ppo), _) => Method::Ppo {
-                ppo: Box::new(Ppo::with_extra_inputs(
-                    settings::ppo(config, ppo),
-                    (obs_size, size - obs_size),
-                    n_actions,
-                    &mut rng,
-                )),
-                in_tests: match ppo.policy_test {
-                    PolicyTest::Sample => Choice::Sample,
-                    PolicyTest::Greedy => Choice::Greedy,
-                },
-            },
-            (None, Some(q)) => Method::Q(Box::new(Q {
-                iql: Iql::new(settings::iql(config, q), size, n_actions, &mut rng),
-                settings: q.clone(),
-                replay: None,
-                saved: VecDeque::new(),
-            })),
-            (None, None) => unreachable!("a valid configuration has the section of its learner"),
-        };
+        let algorithm =
+            settings::algorithm(config, id, (obs_size, input.size() - obs_size), n_actions, &mut rng);
         Self {
-            method,
+            algorithm,
             input,
             rounds: 0,
-            seed: config.seed,
             id,
             device: Device::default(),
             device_kind: DeviceName::Cpu.kind(),
@@ -152,24 +109,13 @@ impl Learner {
             0 => None,
             round => Some(learner.restore(&folder.checkpoints().load(round)?)?),
         };
-        if let Method::Q(q) = &mut learner.method {
-            let remembered = match saved.as_ref().map(|saved| &saved.counters) {
-                Some(Counters::Q { remembered, .. }) => *remembered,
-                _ => 0,
-            };
-            let file = folder.episodes(remembered)?;
-            q.replay = Some(Replay::open(file, q.settings.buffer as usize, DEFAULT_MEMORY_BYTES)?);
-            q.saved.extend(saved.is_some().then_some(remembered));
-        }
+        learner.algorithm.open(folder, saved.is_some())?;
         Ok((learner, saved))
     }
 
     /// From now on computes on this device, which has been opened in this thread.
     pub fn compute_on(&mut self, name: DeviceName, device: Device) {
-        match &mut self.method {
-            Method::Ppo { ppo, .. } => ppo.compute_on(&device),
-            Method::Q(q) => q.iql.compute_on(&device),
-        }
+        self.algorithm.compute_on(&device);
         (self.device, self.device_kind) = (device, name.kind());
     }
 
@@ -194,42 +140,28 @@ impl Learner {
 
     /// Update calls completed.
     pub fn update_calls(&self) -> u64 {
-        match &self.method {
-            Method::Ppo { ppo, .. } => ppo.update_calls(),
-            Method::Q(q) => q.iql.update_calls(),
-        }
+        self.algorithm.update_calls()
     }
 
     /// From now on the learner uses this clock, and these threads.
     pub fn run_on(&mut self, host: Host) {
-        match &mut self.method {
-            Method::Ppo { ppo, .. } => ppo.run_on(host),
-            Method::Q(q) => q.iql.run_on(host),
-        }
+        self.algorithm.run_on(host);
     }
 
     /// Where the time of the learner itself went so far.
     pub fn seconds(&self) -> Seconds {
-        match &self.method {
-            Method::Ppo { ppo, .. } => ppo.seconds(),
-            Method::Q(q) => q.iql.seconds(),
-        }
+        self.algorithm.seconds()
     }
 
     /// Tests with the most probable actions, or with drawn ones, whatever the configuration says. Q-learning
     /// always takes the best.
     pub fn choose_in_tests(&mut self, choice: Choice) {
-        if let Method::Ppo { in_tests, .. } = &mut self.method {
-            *in_tests = choice;
-        }
+        self.algorithm.choose_in_tests(choice);
     }
 
     /// Starts a round of `copies` episodes; only those to learn from are recorded.
     pub fn begin_round(&mut self, copies: usize, record: bool) {
-        match &mut self.method {
-            Method::Ppo { ppo, .. } => ppo.begin_round(copies),
-            Method::Q(q) => q.iql.begin_round(copies),
-        }
+        self.algorithm.begin_round(copies);
         self.input.begin_round(copies);
         if record {
             self.rollout.begin(copies);
@@ -258,21 +190,9 @@ impl Learner {
             }
             (&copies[..], &of_running[..], &avail[..])
         };
-        let actions = &mut self.actions;
-        match &mut self.method {
-            Method::Ppo { ppo, in_tests } => {
-                let choice = if observe.mode == Mode::Test { *in_tests } else { Choice::Sample };
-                ppo.act(copies, inputs, avail, choice, rng, actions);
-            }
-            Method::Q(q) => {
-                let epsilon = match observe.mode {
-                    Mode::Test => q.settings.test_epsilon,
-                    _ => q.epsilon(observe.t_env),
-                };
-                q.iql.act(copies, inputs, avail, epsilon, rng, actions);
-            }
-        }
-        for (&copy, &action) in copies.iter().zip(actions.iter()) {
+        let rows = Rows { mode: observe.mode, t_env: observe.t_env, copies, inputs, avail };
+        self.algorithm.act(&rows, rng, &mut self.actions);
+        for (&copy, &action) in copies.iter().zip(&self.actions) {
             self.input.acted(copy, action);
             if record {
                 self.rollout.act(usize::from(copy), action);
@@ -289,23 +209,14 @@ impl Learner {
     /// Into how many lessons the recorded round falls: one for PPO, one for each episode in Q-learning (algorithms
     /// §5.1).
     pub fn lessons(&self) -> usize {
-        match &self.method {
-            Method::Ppo { .. } => 1,
-            Method::Q(_) => self.rollout.episodes().len(),
-        }
+        let episodes = self.rollout.episodes().len();
+        episodes / self.algorithm.lesson_size(episodes)
     }
 
     /// Update calls that the lessons of the recorded round will make: fewer than lessons, while too few episodes
     /// are remembered.
     pub fn updates_due(&self) -> u64 {
-        match &self.method {
-            Method::Ppo { .. } => 1,
-            Method::Q(q) => {
-                let after = q.remembered() + self.rollout.episodes().len();
-                let first = (q.settings.batch as usize).max(q.remembered() + 1);
-                (after + 1).saturating_sub(first) as u64
-            }
-        }
+        self.algorithm.updates_due(self.rollout.episodes().len())
     }
 
     /// One lesson, with at most one update call at the learning rate `lr`; what it reports.
@@ -315,22 +226,11 @@ impl Learner {
     /// learner is of no use.
     pub fn learn(&mut self, lesson: usize, t_env: u64, lr: f64) -> Result<Option<Scalars>, Failure> {
         let update_call = self.update_calls();
-        self.check_rewards(lesson, update_call)?;
-        let scalars = match &mut self.method {
-            Method::Ppo { ppo, .. } => Some(of_ppo(&ppo.update(&self.rollout, lr), lr)),
-            Method::Q(q) => {
-                let epsilon = q.epsilon(t_env);
-                let replay = q.replay.as_mut().expect("a learner that learns was started with one");
-                replay.push(&self.rollout.episodes()[lesson])?;
-                let batch = q.settings.batch as usize;
-                if replay.len() < batch {
-                    return Ok(None);
-                }
-                let mut rng = draws(q.settings.draws, self.seed, self.id, q.iql.update_calls());
-                let stats = q.iql.update(replay.sample(batch, &mut rng)?, lr);
-                Some(of_q(&stats, lr, epsilon))
-            }
-        };
+        let episodes = self.rollout.episodes();
+        let size = self.algorithm.lesson_size(episodes.len());
+        let (first, episodes) = (lesson * size, &episodes[lesson * size..][..size]);
+        self.check_rewards(first, episodes, update_call)?;
+        let scalars = self.algorithm.learn(episodes, t_env, lr)?;
         self.check_device()?;
         if let Some(scalars) = &scalars {
             self.check_numbers(scalars, update_call)?;
@@ -338,32 +238,22 @@ impl Learner {
         Ok(scalars)
     }
 
-    /// Whether what a lesson learns from are numbers.
-    fn check_rewards(&self, lesson: usize, update_call: u64) -> Result<(), Failure> {
-        let episodes = self.rollout.episodes();
-        let of_lesson = match &self.method {
-            Method::Ppo { .. } => 0..episodes.len(),
-            Method::Q(_) => lesson..lesson + 1,
-        };
-        for copy in of_lesson {
-            if let Some(step) = episodes[copy].rewards.iter().position(|reward| !reward.is_finite()) {
-                let reward = episodes[copy].rewards[step];
-                return Err(diverged::by_reward(self.id, update_call, reward, (copy, step)));
+    /// Whether all rewards of a lesson are finite; `first` is the copy of its first episode.
+    fn check_rewards(&self, first: usize, episodes: &[Episode], update_call: u64) -> Result<(), Failure> {
+        for (copy, episode) in (first..).zip(episodes) {
+            if let Some(step) = episode.rewards.iter().position(|reward| !reward.is_finite()) {
+                return Err(diverged::by_reward(self.id, update_call, episode.rewards[step], (copy, step)));
             }
         }
         Ok(())
     }
 
-    /// Whether what an update call came to are numbers: what it reports, then everything that it learned.
-    fn check_numbers(&self, scalars: &[(&'static str, f64)], update_call: u64) -> Result<(), Failure> {
+    /// Whether what an update call reports is finite, then everything that it learned.
+    fn check_numbers(&self, scalars: &Scalars, update_call: u64) -> Result<(), Failure> {
         let bad_scalar = scalars.iter().find(|(_, value)| !value.is_finite());
-        let bad = bad_scalar.map(|&(name, value)| (name.to_owned(), value)).or_else(|| {
-            let bad = match &self.method {
-                Method::Ppo { ppo, .. } => ppo.first_not_finite(),
-                Method::Q(q) => q.iql.first_not_finite(),
-            };
-            bad.map(|(name, value)| (name, f64::from(value)))
-        });
+        let bad = bad_scalar
+            .map(|&(name, value)| (name.to_owned(), value))
+            .or_else(|| self.algorithm.first_not_finite().map(|(name, value)| (name, f64::from(value))));
         bad.map_or(Ok(()), |(name, value)| Err(diverged::by_learning(self.id, update_call, &name, value)))
     }
 
@@ -377,22 +267,16 @@ impl Learner {
     /// # Errors
     /// If the disk fails on which episodes are remembered.
     pub fn checkpoint(&mut self, unlogged: &Unlogged, metrics: Position) -> Result<Checkpoint, Failure> {
-        let (counters, tensors) = match &mut self.method {
-            Method::Ppo { ppo, .. } => (Counters::Ppo(ppo.counters()), ppo.tensors()),
-            Method::Q(q) => {
-                let remembered = q.replay.as_ref().map_or(Ok(0), Replay::sync)?;
-                (Counters::Q { counters: q.iql.counters(), remembered }, q.iql.tensors())
-            }
-        };
+        let counters = self.algorithm.counters()?;
         let saved = Saved {
             rounds: self.rounds,
-            counters,
+            counters: Map::from_iter([(self.algorithm.kind().to_owned(), counters)]),
             unlogged: unlogged.clone(),
             metrics,
             device: self.device_kind.to_owned(),
         };
         let state = serde_json::to_vec(&saved).expect("numbers and strings always serialise");
-        let tensors = tensors.into_iter();
+        let tensors = self.algorithm.tensors().into_iter();
         let tensors =
             tensors.map(|(name, shape, data)| Tensor { name, shape, data: data.to_vec() }).collect();
         Ok(Checkpoint { round: self.rounds, state, tensors })
@@ -403,16 +287,7 @@ impl Learner {
     /// # Errors
     /// If the disk fails.
     pub fn saved(&mut self) -> Result<(), Failure> {
-        let Method::Q(q) = &mut self.method else { return Ok(()) };
-        let Q { replay: Some(replay), saved, .. } = &mut **q else { return Ok(()) };
-        saved.push_back(replay.position());
-        if saved.len() > KEEP {
-            saved.pop_front();
-        }
-        if saved.len() == KEEP {
-            replay.forget_before(saved[0])?;
-        }
-        Ok(())
+        self.algorithm.saved()
     }
 
     /// Goes back to the networks and counters of a checkpoint.
@@ -428,36 +303,13 @@ impl Learner {
         let find = |name: &str| {
             checkpoint.tensors.iter().find(|tensor| tensor.name == name).map(|tensor| tensor.data.as_slice())
         };
-        match (&mut self.method, &saved.counters) {
-            (Method::Ppo { ppo, .. }, Counters::Ppo(counters)) => ppo.restore(counters, find),
-            (Method::Q(q), Counters::Q { counters, .. }) => q.iql.restore(counters, find),
-            _ => return Err(of_round("it was written by another kind of learner".to_owned())),
-        }
-        .map_err(|error| of_round(error.to_string()))?;
+        let counters = saved.counters.get(self.algorithm.kind());
+        let counters =
+            counters.ok_or_else(|| of_round("it was written by another kind of learner".to_owned()))?;
+        self.algorithm.restore(counters, &find).map_err(of_round)?;
         self.rounds = saved.rounds;
         Ok(saved)
     }
-}
-
-impl Q {
-    fn epsilon(&self, t_env: u64) -> f64 {
-        let QLearning { epsilon_start, epsilon_finish, epsilon_anneal, .. } = self.settings;
-        iql::epsilon(t_env, epsilon_start, epsilon_finish, epsilon_anneal)
-    }
-
-    fn remembered(&self) -> usize {
-        self.replay.as_ref().map_or(0, Replay::len)
-    }
-}
-
-/// What an agent draws the minibatch of an update call from. All agents remember the same episodes in the same order,
-/// so that one stream gives the whole team the same ones.
-fn draws(draws: Draws, seed: u64, id: u32, update_call: u64) -> ChaCha8Rng {
-    let owner = match draws {
-        Draws::Joint => "team".to_owned(),
-        Draws::Independent => owner(id),
-    };
-    stream(seed, &owner, "replay", &[update_call])
 }
 
 /// Notes what a tick shows of each copy, and what its last action earned.
@@ -474,32 +326,6 @@ fn record_tick(rollout: &mut Rollout, observe: &Observe, inputs: &[f32], size: u
         }
         rollout.observe(copy, input, observe.available(row));
     }
-}
-
-fn of_ppo(stats: &ppo::UpdateStats, lr: f64) -> Scalars {
-    vec![
-        ("actor_loss", stats.actor_loss),
-        ("critic_loss", stats.critic_loss),
-        ("entropy", stats.entropy),
-        ("actor_grad_norm", stats.actor_grad_norm),
-        ("critic_grad_norm", stats.critic_grad_norm),
-        ("clip_fraction", stats.clip_fraction),
-        ("advantage_mean", stats.advantage_mean),
-        ("target_mean", stats.target_mean),
-        ("lr", lr),
-    ]
-}
-
-fn of_q(stats: &iql::UpdateStats, lr: f64, epsilon: f64) -> Scalars {
-    vec![
-        ("loss", stats.loss),
-        ("grad_norm", stats.grad_norm),
-        ("td_error_abs", stats.td_error_abs),
-        ("q_taken_mean", stats.q_taken_mean),
-        ("target_mean", stats.target_mean),
-        ("epsilon", epsilon),
-        ("lr", lr),
-    ]
 }
 
 /// The owner of an agent's random streams.
