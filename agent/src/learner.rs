@@ -1,5 +1,4 @@
-//! Between this process and the pure learners: ticks become inputs, rounds become lessons, state becomes
-//! checkpoints.
+//! Connects this process with the learners of `algos`: ticks to inputs, rounds to lessons, state to checkpoints.
 
 use std::collections::VecDeque;
 
@@ -24,22 +23,22 @@ use crate::progress::Unlogged;
 use crate::replay::{Replay, DEFAULT_MEMORY_BYTES};
 use crate::settings;
 
-/// What a checkpoint holds beside the tensors.
+/// The part of a checkpoint that is not a tensor.
 #[derive(Serialize, Deserialize)]
 pub struct Saved {
     /// Training rounds completed.
     rounds: u64,
     counters: Counters,
-    /// Scalars that no metric row has yet.
+    /// Scalars that are not yet in a metric row.
     pub unlogged: Unlogged,
-    /// How far metrics.jsonl had come.
+    /// Position in metrics.jsonl.
     pub metrics: Position,
-    /// The kind of device that the last round was learned on.
+    /// The kind of device of the last round's update calls.
     #[serde(default = "on_cpu")]
     pub device: String,
 }
 
-/// What checkpoints were made on that say nothing about it.
+/// Device of checkpoints that record none.
 fn on_cpu() -> String {
     DeviceName::Cpu.kind().to_owned()
 }
@@ -50,12 +49,12 @@ enum Counters {
     Ppo(ppo::Counters),
     Q {
         counters: iql::Counters,
-        /// Episodes ever remembered.
+        /// Episodes stored so far.
         remembered: u64,
     },
 }
 
-/// What an update call reports, by name and in the order of metric rows.
+/// The report of an update call: names and values, in the order of metric rows.
 pub type Scalars = Vec<(&'static str, f64)>;
 
 /// The agent's learner and the round it is in.
@@ -70,11 +69,11 @@ pub struct Learner {
     device_kind: &'static str,
     rollout: Rollout,
     actions: Vec<u16>,
-    /// Rows that still run, when not all of a tick do.
+    /// Buffers for the running rows of a tick in which not all rows run.
     running: Running,
 }
 
-/// One arm for each kind of learner.
+/// The kinds of learner.
 enum Method {
     Ppo { ppo: Box<Ppo>, in_tests: Choice },
     Q(Box<Q>),
@@ -83,9 +82,9 @@ enum Method {
 struct Q {
     iql: Iql,
     settings: QLearning,
-    /// Not there in a learner that only acts.
+    /// `None` in a learner that only acts.
     replay: Option<Replay>,
-    /// Episodes remembered at the newest checkpoints, the oldest first.
+    /// Number of stored episodes at the newest checkpoints, the oldest first.
     saved: VecDeque<u64>,
 }
 
@@ -97,7 +96,7 @@ struct Running {
 }
 
 impl Learner {
-    /// A learner with the initial weights that seed and id determine, for acting.
+    /// A learner for acting, with the initial weights that follow from seed and id.
     pub fn new(config: &Config, id: u32, (obs_size, n_actions): (usize, usize)) -> Self {
         let mut rng = stream(config.seed, &owner(id), "initial-weights", &[]);
         let input = Input::new(&config.algo, (id, config.world.agents), (obs_size, n_actions));
@@ -137,10 +136,10 @@ impl Learner {
         }
     }
 
-    /// A learner that will learn, from the round that its seat names; with what else its checkpoint holds.
+    /// A learner for training, from the round of its seat, and the rest of that checkpoint.
     ///
     /// # Errors
-    /// If the checkpoint is of another kind of learner or cannot be read, or the disk fails.
+    /// If the checkpoint is of another kind of learner or cannot be read, or on I/O errors.
     pub fn start(
         config: &Config,
         id: u32,
@@ -164,7 +163,7 @@ impl Learner {
         Ok((learner, saved))
     }
 
-    /// From now on computes on this device, which has been opened in this thread.
+    /// Computes on this device from now on. It must have been opened in this thread.
     pub fn compute_on(&mut self, name: DeviceName, device: Device) {
         match &mut self.method {
             Method::Ppo { ppo, .. } => ppo.compute_on(&device),
@@ -173,15 +172,15 @@ impl Learner {
         (self.device, self.device_kind) = (device, name.kind());
     }
 
-    /// Whether the device has computed everything that it was asked for; if not, what was learned or chosen since
-    /// the last checkpoint is of no use.
+    /// Checks that no computation on the device has failed. After a failure, everything learned or chosen since the
+    /// last checkpoint is invalid.
     ///
     /// # Errors
-    /// With the first failure.
+    /// The first failure.
     pub fn check_device(&self) -> Result<(), Failure> {
         self.device.check().map_err(|error| {
             let hint =
-                "hint: the last checkpoint is intact; is the GPU's memory full? `rondo resume` goes on from \
+                "hint: the last checkpoint is intact; is the GPU's memory full? `rondo resume` continues from \
                         there, with `--device cpu` too";
             Failure::new(exit::AGAIN, format!("{error}\n{hint}"))
         })
@@ -200,7 +199,7 @@ impl Learner {
         }
     }
 
-    /// From now on the learner uses this clock, and these threads.
+    /// Uses this clock and these threads from now on.
     pub fn run_on(&mut self, host: Host) {
         match &mut self.method {
             Method::Ppo { ppo, .. } => ppo.run_on(host),
@@ -208,7 +207,7 @@ impl Learner {
         }
     }
 
-    /// Where the time of the learner itself went so far.
+    /// The learner's own seconds so far.
     pub fn seconds(&self) -> Seconds {
         match &self.method {
             Method::Ppo { ppo, .. } => ppo.seconds(),
@@ -216,15 +215,14 @@ impl Learner {
         }
     }
 
-    /// Tests with the most probable actions, or with drawn ones, whatever the configuration says. Q-learning
-    /// always takes the best.
+    /// Overrides how PPO chooses actions in tests. Q-learning has no such choice.
     pub fn choose_in_tests(&mut self, choice: Choice) {
         if let Method::Ppo { in_tests, .. } = &mut self.method {
             *in_tests = choice;
         }
     }
 
-    /// Starts a round of `copies` episodes; only those to learn from are recorded.
+    /// Starts a round of `copies` episodes. Tests are not recorded.
     pub fn begin_round(&mut self, copies: usize, record: bool) {
         match &mut self.method {
             Method::Ppo { ppo, .. } => ppo.begin_round(copies),
@@ -236,7 +234,7 @@ impl Learner {
         }
     }
 
-    /// Takes in one tick and chooses an action for every row that still runs.
+    /// Processes one tick and chooses an action for every running row.
     pub fn tick(&mut self, observe: &Observe, record: bool, rng: &mut ChaCha8Rng) -> &[u16] {
         let size = self.input.size();
         let inputs = self.input.rows(observe);
@@ -286,8 +284,7 @@ impl Learner {
         self.rollout.episodes().iter().map(|episode| episode.len() as u64).sum()
     }
 
-    /// Into how many lessons the recorded round falls: one for PPO, one for each episode in Q-learning (algorithms
-    /// §5.1).
+    /// Number of lessons in the recorded round: one with PPO, one for each episode with Q-learning (algorithms §5.1).
     pub fn lessons(&self) -> usize {
         match &self.method {
             Method::Ppo { .. } => 1,
@@ -295,8 +292,8 @@ impl Learner {
         }
     }
 
-    /// Update calls that the lessons of the recorded round will make: fewer than lessons, while too few episodes
-    /// are remembered.
+    /// Number of update calls in the lessons of the recorded round: fewer than lessons while too few episodes are
+    /// stored.
     pub fn updates_due(&self) -> u64 {
         match &self.method {
             Method::Ppo { .. } => 1,
@@ -308,11 +305,10 @@ impl Learner {
         }
     }
 
-    /// One lesson, with at most one update call at the learning rate `lr`; what it reports.
+    /// One lesson, with at most one update call at the learning rate `lr`. Returns its report.
     ///
     /// # Errors
-    /// If the device fails, or the disk on which episodes are remembered, or a number is none any more. After that this
-    /// learner is of no use.
+    /// If the device or the disk fails, or a number is infinite or NaN. The learner must not be used after that.
     pub fn learn(&mut self, lesson: usize, t_env: u64, lr: f64) -> Result<Option<Scalars>, Failure> {
         let update_call = self.update_calls();
         self.check_rewards(lesson, update_call)?;
@@ -338,7 +334,7 @@ impl Learner {
         Ok(scalars)
     }
 
-    /// Whether what a lesson learns from are numbers.
+    /// Checks that the rewards of a lesson are finite.
     fn check_rewards(&self, lesson: usize, update_call: u64) -> Result<(), Failure> {
         let episodes = self.rollout.episodes();
         let of_lesson = match &self.method {
@@ -354,7 +350,7 @@ impl Learner {
         Ok(())
     }
 
-    /// Whether what an update call came to are numbers: what it reports, then everything that it learned.
+    /// Checks that the scalars of an update call and all tensors are finite.
     fn check_numbers(&self, scalars: &[(&'static str, f64)], update_call: u64) -> Result<(), Failure> {
         let bad_scalar = scalars.iter().find(|(_, value)| !value.is_finite());
         let bad = bad_scalar.map(|&(name, value)| (name.to_owned(), value)).or_else(|| {
@@ -367,7 +363,7 @@ impl Learner {
         bad.map_or(Ok(()), |(name, value)| Err(diverged::by_learning(self.id, update_call, &name, value)))
     }
 
-    /// Ends the round whose lessons have been learned.
+    /// Ends the round after its lessons.
     pub fn end_round(&mut self) {
         self.rounds += 1;
     }
@@ -375,7 +371,7 @@ impl Learner {
     /// Everything that the next round depends on.
     ///
     /// # Errors
-    /// If the disk fails on which episodes are remembered.
+    /// I/O errors of the stored episodes.
     pub fn checkpoint(&mut self, unlogged: &Unlogged, metrics: Position) -> Result<Checkpoint, Failure> {
         let (counters, tensors) = match &mut self.method {
             Method::Ppo { ppo, .. } => (Counters::Ppo(ppo.counters()), ppo.tensors()),
@@ -398,10 +394,10 @@ impl Learner {
         Ok(Checkpoint { round: self.rounds, state, tensors })
     }
 
-    /// The checkpoint just made is on the disk: what no kept checkpoint can come back to is forgotten.
+    /// Call after a save: removes episodes that no kept checkpoint needs.
     ///
     /// # Errors
-    /// If the disk fails.
+    /// I/O errors.
     pub fn saved(&mut self) -> Result<(), Failure> {
         let Method::Q(q) = &mut self.method else { return Ok(()) };
         let Q { replay: Some(replay), saved, .. } = &mut **q else { return Ok(()) };
@@ -415,7 +411,7 @@ impl Learner {
         Ok(())
     }
 
-    /// Goes back to the networks and counters of a checkpoint.
+    /// Restores the networks and counters of a checkpoint.
     ///
     /// # Errors
     /// If it is of another kind of learner or its state cannot be read.
@@ -450,8 +446,8 @@ impl Q {
     }
 }
 
-/// What an agent draws the minibatch of an update call from. All agents remember the same episodes in the same order,
-/// so that one stream gives the whole team the same ones.
+/// The stream that draws the minibatch of an update call. All agents store the same episodes in the same order, so a
+/// common stream draws the same ones for the whole team (algorithms §5.1).
 fn draws(draws: Draws, seed: u64, id: u32, update_call: u64) -> ChaCha8Rng {
     let owner = match draws {
         Draws::Joint => "team".to_owned(),
@@ -460,7 +456,7 @@ fn draws(draws: Draws, seed: u64, id: u32, update_call: u64) -> ChaCha8Rng {
     stream(seed, &owner, "replay", &[update_call])
 }
 
-/// Notes what a tick shows of each copy, and what its last action earned.
+/// Records the observation of each copy in a tick, and the reward of its last action.
 fn record_tick(rollout: &mut Rollout, observe: &Observe, inputs: &[f32], size: usize) {
     for (row, input) in inputs.chunks_exact(size).enumerate() {
         let copy = usize::from(observe.copies[row]);

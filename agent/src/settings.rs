@@ -1,4 +1,4 @@
-//! From the configuration's words to the learners' own.
+//! Converts the configuration to the learners' own settings.
 
 use algos::iql;
 use algos::network::Kind;
@@ -7,7 +7,7 @@ use algos::returns::EndOfBatch;
 use algos::reward_stats::Standardisation;
 use proto::config::{self, Algo, Config, FrozenMoments, Ppo, QLearning, RewardStandardisation};
 
-/// What PPO is told.
+/// PPO's settings.
 pub fn ppo(config: &Config, ppo: &Ppo) -> ppo::Config {
     let algo = &config.algo;
     ppo::Config {
@@ -32,7 +32,7 @@ pub fn ppo(config: &Config, ppo: &Ppo) -> ppo::Config {
     }
 }
 
-/// What Q-learning is told.
+/// Q-learning's settings.
 pub fn iql(config: &Config, q: &QLearning) -> iql::Config {
     let algo = &config.algo;
     iql::Config {

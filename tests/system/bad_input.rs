@@ -259,12 +259,12 @@ fn agents_that_do_not_come_are_named() {
     world.wait().fails_with(
         75,
         &[
-            "error: of run `run` agents did not join within 4s: 1 (here: 0)",
+            "error: agent 1 of run `run` did not join within 4s (joined: 0)",
             "waited on `rondo/run/agent/1/join`",
             "hint: on its host run `rondo-agent --id 1 --config FILE --out DIR --connect ENDPOINT …`",
         ],
     );
-    coordinator.wait().fails_with(75, &["error: of run `run` agents did not come within 4s: ", "1"]);
+    coordinator.wait().fails_with(75, &["error: agent 1 of run `run` did not join within 4s"]);
     agent.wait().fails_with(75, &["error: agent 0 got no seat within 6s", "is every agent started"]);
 }
 
@@ -282,11 +282,11 @@ fn an_agent_that_leaves_before_the_run_begins_is_named() {
     let stays = hosts.start_agent(1, &[]);
     world.wait().fails_with(
         75,
-        &["error: agents 0 of run `run` joined, but did not announce themselves within 6s (here: 1)"],
+        &["error: agent 0 of run `run` joined, but did not announce itself within 6s (joined: 1)"],
     );
-    // The one that stayed had a seat, and is told by the env-server's end that there is no run.
+    // The other agent had a seat. It ends when the env-server does.
     let ended = stays.wait();
-    ended.fails_with(75, &["error: agent 1 is alone: the env-server has left run `run` in round 0"]);
+    ended.fails_with(75, &["error: agent 1 lost the env-server: it left run `run` in round 0"]);
     drop(coordinator);
 }
 
@@ -303,7 +303,7 @@ fn an_agent_that_leaves_is_named_by_the_env_server() {
     let [world, coordinator] = servers;
     world.wait().fails_with(
         75,
-        &["error: agent 1 has left the run and did not come back within 5s", "start the same commands again"],
+        &["error: agent 1 left the run and did not come back within 5s", "start the same commands again"],
     );
     // The one that stayed was told, saved and left.
     assert_eq!(stays.wait().code, Some(75));

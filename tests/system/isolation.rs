@@ -180,7 +180,7 @@ fn an_agent_never_learns_in_an_update_call_that_no_schedule_covers() {
             ],
         );
     }
-    world.wait().fails_with(75, &["has left the run and did not come back within 5s"]);
+    world.wait().fails_with(75, &["left the run and did not come back within 5s"]);
     for id in [0, 1] {
         let host = format!("agent-{id}");
         let reports = format!("rondo/run/agent/{id}/progress");

@@ -102,7 +102,7 @@ fn plays_through_a_stop(experiment: fn() -> Vec<String>, stop: fn(&Team) -> &Pro
 #[test]
 fn it_plays_a_ppo_run_through_its_own_stop_and_a_resume_to_the_finish() {
     if can_run("it_plays_a_ppo_run_through_its_own_stop_and_a_resume_to_the_finish") {
-        plays_through_a_stop(short, |team| &team.python, "agent 1 has left the run");
+        plays_through_a_stop(short, |team| &team.python, "agent 1 left the run");
     }
 }
 
