@@ -119,7 +119,7 @@ fn a_folder_that_exists_is_left_alone() {
     cluster.train("results", short(), NOTHING).wait().fails_with(
         78,
         &[
-            &format!("error: {path} holds something else than a run, a new run needs a folder of its own"),
+            &format!("error: {path} holds something other than a run, a new run needs a new folder"),
             "choose another folder with --out",
         ],
     );

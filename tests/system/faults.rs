@@ -57,7 +57,7 @@ fn a_role_dies(role: &str, name: &str) {
     victim.signal(Signal::SIGKILL);
     let ended = ends_in_time(training, &children, before);
     let says = format!("error: {name}: was ended by SIGKILL");
-    let advice = format!("hint: go on with `rondo resume {}`", cluster.path("run").display());
+    let advice = format!("hint: continue with `rondo resume {}`", cluster.path("run").display());
     ended.fails_with(75, &[&says, &advice]);
     cluster.resume("run").succeeds();
     assert_eq!(cluster.digest("run"), undisturbed());

@@ -133,11 +133,11 @@ fn what_cannot_be_evaluated_is_refused_before_anything_is_written() {
     refused(&[], 78, &[&apart, "agent-1 has no folder here", copy]);
     assert!(!there.exists(), "looking creates nothing");
     fs::create_dir(&there).expect("created");
-    refused(&[], 78, &[&apart, "agent-1 has no whole checkpoint", copy]);
+    refused(&[], 78, &[&apart, "agent-1 has no complete checkpoint", copy]);
     // A run that has not come to its first checkpoint.
     let (checkpoints, aside) = (run.join("agent-0").join("checkpoints"), cluster.path("checkpoints"));
     fs::rename(&checkpoints, &aside).expect("moved");
-    let young = "agent-0 has no whole checkpoint, agent-1 has no whole checkpoint\nhint: `rondo resume` it until its \
+    let young = "agent-0 has no complete checkpoint, agent-1 has no complete checkpoint\nhint: `rondo resume` it until its \
                  first checkpoint, or copy here";
     refused(&[], 78, &[&apart, young]);
     fs::rename(&aside, &checkpoints).expect("moved");

@@ -242,7 +242,7 @@ fn a_run_that_goes_on_cannot_be_resumed_a_second_time() {
     cluster.run("run").reaches(1_000);
     let path = cluster.path("run").display().to_string();
     let says =
-        format!("error: another rondo is busy with the run in {path}\nhint: wait until it ends, or stop it");
+        format!("error: another `rondo` process is running {path}\nhint: wait until it ends, or stop it");
     cluster.resume("run").wait().fails_with(75, &[&says]);
     training.succeeds();
     assert_eq!(cluster.digest("run"), undisturbed());
