@@ -1,4 +1,4 @@
-//! What people get wrong: each mistake has one clear message and the right exit code, and costs nothing.
+//! User mistakes: each has one clear message and the right exit code, and changes nothing.
 
 use std::fs;
 use std::net::TcpListener;
@@ -9,7 +9,7 @@ use crate::hosts::Hosts;
 
 const NOTHING: [&str; 0] = [];
 
-/// `rondo` with these words, in a folder of its own that must be as empty afterwards as before.
+/// `rondo` with these words, in a new folder that must be empty afterwards.
 #[track_caller]
 pub fn refused(words: &[&str]) -> Ended {
     let cluster = Cluster::new();
@@ -215,7 +215,7 @@ fn an_agent_with_another_configuration_is_refused() {
     finishes(&hosts, servers);
 }
 
-/// The refused ones have done no harm: the proper team comes and the run is what it always is.
+/// Refused processes have no effect: the right team joins and the run has the usual digest.
 fn finishes(hosts: &Hosts, servers: [Process; 2]) {
     let agents = [hosts.start_agent(0, &[]), hosts.start_agent(1, &[])];
     agents.into_iter().chain(servers).for_each(|process| drop(process.succeeds()));
@@ -237,7 +237,7 @@ fn an_agent_that_is_one_too_many_is_refused() {
     wait_until("agent 1 to act", || {
         hosts.recorded("agent-1").iter().any(|line| line["key"] == "rondo/run/agent/1/act")
     });
-    // Its folder and record are its own; on another host nobody shares them either.
+    // With a separate folder and record, as on another host.
     let second =
         Hosts { cluster: Cluster::new(), world: hosts.world.clone(), coordinator: hosts.coordinator.clone() };
     fs::copy(hosts.cluster.path("config.toml"), second.cluster.path("config.toml")).expect("copied");
@@ -305,11 +305,11 @@ fn an_agent_that_leaves_is_named_by_the_env_server() {
         75,
         &["error: agent 1 left the run and did not come back within 5s", "start the same commands again"],
     );
-    // The one that stayed was told, saved and left.
+    // The other agent received the closing tick, saved and left.
     assert_eq!(stays.wait().code, Some(75));
     coordinator.succeeds();
 
-    // Everybody started again goes on from what all hold.
+    // All processes, started again, continue from their common round.
     let servers = [hosts.start_env_server(&[]), hosts.start_coordinator(&[])];
     finishes(&hosts, servers);
 }

@@ -1,4 +1,4 @@
-//! The same command again: an unfinished run goes on, a finished one is left, another configuration is refused.
+//! The same command again: an unfinished run continues, a finished one stays, another configuration is refused.
 
 use nix::sys::signal::Signal;
 
