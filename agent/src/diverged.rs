@@ -1,12 +1,12 @@
-//! The end of a learner whose numbers are none any more: infinite, or NaN.
+//! Failures of a learner with infinite numbers or NaN (algorithms §3.5).
 //!
-//! Nothing of the update call in question is saved. Everything that led to it follows from the last checkpoint, so
-//! that going on from there comes to the same numbers: this is [`exit::CONFIG`], not [`exit::AGAIN`].
+//! Nothing of that update call is saved. A run that resumes from the last checkpoint computes the same numbers again,
+//! so the exit code is [`exit::CONFIG`], not [`exit::AGAIN`].
 
 use process::Failure;
 use proto::exit;
 
-/// An update call came to `value`: something it reports, or a tensor that it learned.
+/// An update call computed `value` in `quantity`: a reported scalar or a tensor.
 pub fn by_learning(id: u32, update_call: u64, quantity: &str, value: f64) -> Failure {
     let hint = "start a new run with smaller rates (`--lr-fast`, `--lr-slow`), a smaller \
                 `--set algo.max_grad_norm=`, or `--set algo.reward_standardisation=running`";

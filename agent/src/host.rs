@@ -1,4 +1,4 @@
-//! What this process offers its learner.
+//! Services of this process for its learner.
 
 use std::sync::LazyLock;
 use std::thread::scope;
@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use algos::host::Host;
 
-/// A clock, and a second thread where there may be one.
+/// A clock, and a second thread if `threads` allows it.
 pub fn host(threads: usize) -> Host {
     Host { clock, both: if threads > 1 { at_once } else { Host::default().both } }
 }

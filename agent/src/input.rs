@@ -1,4 +1,4 @@
-//! What a network is shown: the observation, and on request the agent's last action and its number (algorithms §1.4).
+//! The input of a network: the observation, and optionally the agent's last action and its index (algorithms §1.4).
 
 use proto::config::Algo;
 use proto::Observe;
@@ -17,7 +17,7 @@ pub struct Input {
 }
 
 impl Input {
-    /// For agent `id` of `agents`, which is shown `obs_size` numbers and has `n_actions`.
+    /// For agent `id` of `agents`, with `obs_size` and `n_actions`.
     pub fn new(algo: &Algo, (id, agents): (u32, u32), (obs_size, n_actions): (usize, usize)) -> Self {
         Self {
             obs_size,
@@ -29,7 +29,7 @@ impl Input {
         }
     }
 
-    /// Numbers that the network is shown.
+    /// Numbers in an input.
     pub fn size(&self) -> usize {
         let last = if self.last_action { self.n_actions } else { 0 };
         self.obs_size + last + self.id.map_or(0, |(_, agents)| agents)
@@ -41,7 +41,7 @@ impl Input {
         self.last.resize(copies, None);
     }
 
-    /// Remembers what was done in a copy.
+    /// Stores the last action in a copy.
     pub fn acted(&mut self, copy: u16, action: u16) {
         self.last[usize::from(copy)] = Some(action);
     }
@@ -88,7 +88,7 @@ mod tests {
         input
     }
 
-    /// Copies 0 and 1 are shown, two numbers each.
+    /// Copies 0 and 1, with observations of two numbers.
     fn tick() -> Observe {
         Observe {
             copies: vec![0, 1],

@@ -1,4 +1,4 @@
-//! Taking a seat: ask the env-server until it answers.
+//! Joining: requests a seat from the env-server until it answers.
 
 use std::sync::mpsc::TryRecvError;
 use std::time::{Duration, Instant};
@@ -9,16 +9,16 @@ use proto::codec::{decode, encode};
 use proto::control::{Join, Refusal, Seat, Welcome};
 use proto::exit;
 
-/// The env-server holds the question until the whole team is there; it is asked again after this time.
+/// The env-server holds the request until the whole team has joined. The request is repeated after this time.
 const ASK_AGAIN: Duration = Duration::from_secs(5);
 
-/// Between questions that nobody answered because nobody serves them yet.
+/// Pause between requests while no env-server serves them.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// Asks for the seat of agent `id` until it is granted.
+/// Requests the seat of agent `id` until it is granted.
 ///
 /// # Errors
-/// If the env-server refuses, says nothing within `role.wait`, or sends what is no welcome; or on
+/// If the env-server refuses, does not answer within `role.wait`, or sends a malformed answer; or on
 /// [`Event::Stop`].
 pub fn take_seat(role: &Role, id: u32, join: &Join) -> Result<Seat, Failure> {
     let Role { ref bus, ref keys, ref events, wait, .. } = *role;
@@ -52,8 +52,7 @@ pub fn take_seat(role: &Role, id: u32, join: &Join) -> Result<Seat, Failure> {
                 Ok(Welcome::Seat(seat)) => return Ok(seat),
                 Ok(Welcome::Refused(refusal)) => return Err(refused(id, &refusal)),
                 Err(error) => {
-                    let text =
-                        format!("agent {id} asked for a seat and got an answer it cannot read: {error}");
+                    let text = format!("agent {id} requested a seat and cannot decode the answer: {error}");
                     return Err(Failure::new(exit::CONFIG, text));
                 }
             },

@@ -1,11 +1,11 @@
 //! Role: one learner; its experience and weights stay in its process.
 //!
-//! It joins a run (`join`), answers every tick with actions, learns once per round with the rate that
-//! the schedule gives it (`timetable`), saves and reports. It publishes actions, progress and scalars,
-//! and nothing else.
+//! It joins a run (`join`), answers every tick with actions, and learns after every round, in update calls at the
+//! rates of the schedule (`timetable`). It saves checkpoints and metric rows. It publishes only actions, progress and
+//! scalars.
 //!
-//! Its state changes only at round edges, in the update call: whenever it has to leave, what it saves is
-//! the last edge.
+//! What it learns changes only between rounds. Whenever it has to leave, it saves the state after its last complete
+//! round.
 
 mod join;
 mod timetable;
@@ -29,17 +29,17 @@ use proto::exit;
 pub use learner::{owner, Learner};
 pub use train::{run, Left};
 
-/// Where an agent computes: an option of every command that runs one, and no part of the configuration, which
-/// says what a run is and not on what machine.
+/// The device option of every command that runs an agent. It is not part of the configuration, which does not depend
+/// on the machine.
 #[derive(Debug, Clone, Copy, clap::Args)]
 pub struct DeviceArgument {
-    /// Where update calls and large batches are computed: cpu, cuda (the first GPU) or cuda:N
+    /// Device for update calls and large batches: cpu, cuda (the first GPU) or cuda:N
     #[arg(long, value_name = "DEVICE", default_value_t = DeviceName::Cpu)]
     pub device: DeviceName,
 }
 
 impl DeviceArgument {
-    /// Refuses a device that this build cannot use, before anything starts.
+    /// Rejects a device that this build cannot use, before anything starts.
     ///
     /// # Errors
     /// With [`exit::CONFIG`].
@@ -49,12 +49,12 @@ impl DeviceArgument {
     }
 }
 
-/// What an agent computes with. None of it is part of a configuration.
+/// The hardware that an agent uses. It is not part of the configuration.
 #[derive(Debug, Clone, Copy)]
 pub struct Machine {
-    /// Where update calls and large batches are computed.
+    /// The device for update calls and large batches.
     pub device: DeviceName,
-    /// With more than one, actor and critic learn at once.
+    /// With more than one, actor and critic learn in parallel.
     pub threads: usize,
 }
 
@@ -69,15 +69,15 @@ pub struct Arguments {
     /// Endpoints to dial: the env-server's and the coordinator's, for example `tcp/192.0.2.7:7447`
     #[arg(long, value_name = "ENDPOINT", required = true)]
     pub connect: Vec<String>,
-    /// Threads for update calls, 1 or 2: with two, actor and critic learn at once; the result is the same. By default
-    /// as many as there are processors
+    /// Threads for update calls, 1 or 2: with two, actor and critic learn in parallel; the result is the same. By
+    /// default as many as there are processors
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=2))]
     pub threads: Option<u8>,
     #[command(flatten)]
     pub device: DeviceArgument,
 }
 
-/// The whole process: opens what the arguments say and runs until the run ends.
+/// The whole process: opens configuration, folder and bus, and runs until the run ends.
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || {
         let device = arguments.device.check()?;

@@ -1,4 +1,4 @@
-//! One learning agent as a process of its own: joins a run, acts, learns, leaves.
+//! One learning agent as a process: joins a run, acts, learns, leaves.
 
 use std::process::ExitCode;
 

@@ -1,5 +1,4 @@
-//! What an agent tells people about its learning: metric rows for the record, scalars for a live display,
-//! and where its time went.
+//! An agent's reports: metric rows, scalars for a live display, and its seconds by activity.
 
 use std::time::Instant;
 
@@ -9,8 +8,8 @@ use store::Row;
 
 use crate::learner::Scalars;
 
-/// Sums over the update calls that no metric row covers yet; part of a checkpoint, so that rows are the
-/// same whether or not a run was interrupted.
+/// Sums over the update calls that are not yet in a metric row. Part of a checkpoint, so that an interrupted run has
+/// the same rows.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Unlogged {
     update_calls: u64,
@@ -20,8 +19,8 @@ pub struct Unlogged {
 }
 
 impl Unlogged {
-    /// Adds an update call after which the run had counted `t_env` environment steps; gives a row of
-    /// means when `interval` steps have passed since the last one.
+    /// Adds an update call at `t_env` environment steps. Returns a row of means when `interval` steps have passed since
+    /// the last row.
     pub fn add(&mut self, scalars: &Scalars, t_env: u64, update_calls: u64, interval: u64) -> Option<Row> {
         self.sums.resize(scalars.len(), 0.0);
         self.update_calls += 1;
@@ -48,7 +47,7 @@ pub fn metrics(scalars: &Scalars, rates: &Rates, t_env: u64, update_calls: u64) 
     Metrics { t_env, update_calls, scalars: named }
 }
 
-/// Wall time of this process by what it did; reported, never decided upon.
+/// Wall time of this process by activity, for reports only.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Seconds {
     /// Forward passes and sampling.

@@ -1,7 +1,7 @@
-//! The ring buffer of a learner that replays experience (algorithms §5.1): the last `capacity` episodes, on disk
-//! all of them, in memory as many of the newest as fit into a bound.
+//! The replay buffer (algorithms §5.1): the last `capacity` episodes. All of them are on disk, and as many of the
+//! newest as fit a limit are in memory.
 //!
-//! The bound is a matter of speed alone: episodes in memory are the same bytes as on disk.
+//! The limit affects speed only: episodes in memory are the same bytes as on disk.
 
 mod encoding;
 
@@ -14,7 +14,7 @@ use proto::exit;
 use rand_chacha::ChaCha8Rng;
 use store::Episodes;
 
-/// What is kept in memory unless the user says otherwise, in bytes.
+/// Default limit of memory, in bytes.
 pub const DEFAULT_MEMORY_BYTES: u64 = 64 << 20;
 
 /// The last `capacity` episodes.
@@ -22,7 +22,7 @@ pub struct Replay {
     file: Episodes,
     capacity: u64,
     memory_bytes: u64,
-    /// The newest episodes as they are on disk, the oldest of them first.
+    /// The newest episodes in the format on disk, the oldest of them first.
     held: VecDeque<Box<[u8]>>,
     held_bytes: u64,
     encoded: Vec<u8>,
@@ -30,11 +30,10 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// The buffer over what `file` holds, of which the newest episodes are read into memory, up to
-    /// `memory_bytes`.
+    /// The buffer over the episodes of `file`. Reads the newest into memory, up to `memory_bytes`.
     ///
     /// # Errors
-    /// If one of the last `capacity` episodes is not there or cannot be read.
+    /// If one of the last `capacity` episodes is missing or cannot be read.
     pub fn open(file: Episodes, capacity: usize, memory_bytes: u64) -> Result<Self, Failure> {
         let mut replay = Self {
             file,
@@ -58,14 +57,14 @@ impl Replay {
         Ok(replay)
     }
 
-    /// Adds an episode; the oldest one leaves when there are more than `capacity`.
+    /// Adds an episode, and drops the oldest if there are more than `capacity`.
     ///
     /// # Errors
-    /// What the disk says; the buffer is then as it was.
+    /// I/O errors. The buffer is unchanged then.
     pub fn push(&mut self, episode: &Episode) -> Result<(), Failure> {
         encoding::encode(episode, &mut self.encoded);
         self.file.append(&self.encoded)?;
-        // Room is made first, so that the bound holds at every moment.
+        // Frees memory first, so that the limit always holds.
         let cost = cost(&self.encoded);
         while !self.held.is_empty()
             && (self.held_bytes + cost > self.memory_bytes || self.held.len() as u64 >= self.capacity)
@@ -79,19 +78,19 @@ impl Replay {
         Ok(())
     }
 
-    /// Episodes that can be drawn: all that were pushed, at most `capacity`.
+    /// Episodes that can be drawn: at most `capacity`.
     pub fn len(&self) -> usize {
         (self.file.position() - self.oldest()) as usize
     }
 
-    /// Draws `count` different episodes, every choice of them equally likely.
+    /// Draws `count` different episodes uniformly.
     ///
     /// # Errors
     /// If one cannot be read, or there are fewer than `count`.
     pub fn sample(&mut self, count: usize, rng: &mut ChaCha8Rng) -> Result<&[Episode], Failure> {
         if count > self.len() {
             let text =
-                format!("a minibatch of {count} was asked for, but only {} episodes are stored", self.len());
+                format!("a minibatch of {count} was requested, but only {} episodes are stored", self.len());
             return Err(Failure::new(exit::BUG, text));
         }
         let (oldest, in_memory) = (self.oldest(), self.file.position() - self.held.len() as u64);
@@ -113,7 +112,7 @@ impl Replay {
         Ok(&self.minibatch)
     }
 
-    /// How many episodes were ever pushed.
+    /// Number of episodes pushed so far.
     pub fn position(&self) -> u64 {
         self.file.position()
     }
@@ -123,8 +122,8 @@ impl Replay {
         Ok(self.file.sync()?)
     }
 
-    /// Gives back the disk space of episodes that the buffer did not hold any more at `position`, that of
-    /// the oldest checkpoint that is kept.
+    /// Frees the disk space of episodes that were no longer in the buffer at `position`, that of the oldest kept
+    /// checkpoint.
     pub fn forget_before(&mut self, position: u64) -> Result<(), Failure> {
         Ok(self.file.forget_before(position.saturating_sub(self.capacity))?)
     }
@@ -135,7 +134,7 @@ impl Replay {
     }
 }
 
-/// Bytes that an episode takes in memory: its own and those of its place in the queue.
+/// Bytes of an episode in memory, with its place in the queue.
 fn cost(record: &[u8]) -> u64 {
     (record.len() + size_of::<Box<[u8]>>()) as u64
 }

@@ -1,22 +1,22 @@
-//! The part of the learning-rate schedule that this agent has been told.
+//! The part of the learning-rate schedule that this agent has received.
 
 use std::collections::BTreeMap;
 
 use proto::control::Rates;
 
-/// What this agent knows of the schedule; it never computes it.
+/// The schedules received so far; an agent never computes them.
 #[derive(Debug, Default)]
 pub struct Timetable {
     by_start: BTreeMap<u64, Rates>,
 }
 
 impl Timetable {
-    /// Takes what the coordinator said.
+    /// Adds a schedule from the coordinator.
     pub fn learn(&mut self, rates: Rates) {
         self.by_start.insert(rates.from, rates);
     }
 
-    /// What holds in an update call, if the coordinator has said so.
+    /// The rates of an update call, if received.
     pub fn covering(&self, update_call: u64) -> Option<&Rates> {
         self.by_start
             .range(..=update_call)
@@ -25,7 +25,7 @@ impl Timetable {
             .filter(|r| r.covers(update_call))
     }
 
-    /// Forgets what ended before an update call.
+    /// Removes schedules that end before an update call.
     pub fn forget_before(&mut self, update_call: u64) {
         self.by_start.retain(|_, rates| rates.until > update_call);
     }

@@ -1,4 +1,4 @@
-//! The agent's life from its seat to its last checkpoint.
+//! The agent's main loop, from its seat to its last checkpoint.
 
 use std::collections::hash_map::RandomState;
 use std::hash::BuildHasher;
@@ -26,11 +26,10 @@ use crate::progress::{metrics, timed, Seconds, Unlogged};
 use crate::timetable::Timetable;
 use crate::Machine;
 
-/// An env-server that is gone may come back, for example after a network's hiccup; after this long the
-/// agent gives up.
+/// A lost env-server may come back, for example after a short network failure. The agent gives up after this time.
 const GRACE: Duration = Duration::from_secs(5);
 
-/// How long one question to the coordinator may take before it is asked again.
+/// Timeout of a query to the coordinator; it is repeated after that.
 const ASK_AGAIN: Duration = Duration::from_secs(2);
 
 /// Why an agent left without an error.
@@ -38,11 +37,11 @@ const ASK_AGAIN: Duration = Duration::from_secs(2);
 pub enum Left {
     /// The run has used its budget.
     Finished,
-    /// The run, or this agent, was asked to stop; it can be resumed.
+    /// The run or this agent was stopped; it can be resumed.
     Stopped,
 }
 
-/// What goes into the role's result.json.
+/// The content of the role's result.json.
 #[derive(Serialize)]
 struct Report {
     role: &'static str,
@@ -54,7 +53,7 @@ struct Report {
     ignored_messages: u64,
     peak_memory_bytes: Option<u64>,
     cpu_seconds: Option<f64>,
-    /// In all threads of the process since the first tick; only where allocations are counted.
+    /// In all threads of the process since the first tick; only in builds that count allocations.
     allocations: Option<u64>,
     traffic: Vec<(String, u64, u64)>,
 }
@@ -62,10 +61,10 @@ struct Report {
 /// Runs one agent until the run ends.
 ///
 /// # Errors
-/// If the device cannot be used or fails, or it gets no seat within `role.wait`, loses the env-server, hears
-/// nothing for as long, is told no learning rate, or the disk fails.
+/// If the device cannot be used or fails; if it gets no seat, no tick or no learning rate within `role.wait`; if it
+/// loses the env-server; or on I/O errors.
 pub fn run(role: Role, id: u32, machine: Machine) -> Result<Left, Failure> {
-    // Before others wait for this agent.
+    // Before other processes wait for this agent.
     let opened = machine.device.open().map_err(|error| Failure::new(exit::CONFIG, error))?;
     let join =
         Join { config_digest: role.config.digest(), nonce: nonce(), checkpoints: role.folder.held_rounds()? };
@@ -77,7 +76,7 @@ pub fn run(role: Role, id: u32, machine: Machine) -> Result<Left, Failure> {
     }
     role.folder.keep_config(&role.config.to_toml())?;
     let mut agent = Agent::start(&role, id, seat, machine, opened)?;
-    // The token comes last: whoever sees it knows that the subscriptions are there.
+    // The token comes last: a process that sees it can rely on the subscriptions.
     let _schedule = role.bus.subscribe(&role.keys.schedule(), role.inbox.clone())?;
     let _observe = role.bus.subscribe(&role.keys.observe(id), role.inbox.clone())?;
     let _world = role.bus.watch(&role.keys.alive_world(), role.inbox.clone())?;
@@ -85,7 +84,7 @@ pub fn run(role: Role, id: u32, machine: Machine) -> Result<Left, Failure> {
     agent.live()
 }
 
-/// A number that no other process of this run has: the hasher's keys are drawn anew in every process.
+/// A random number of this process: the hasher's keys are drawn anew in every process.
 fn nonce() -> u64 {
     RandomState::new().hash_one((std::process::id(), SystemTime::now()))
 }
@@ -109,7 +108,7 @@ struct Agent<'a> {
     round: Round,
 }
 
-/// Where in a round the agent is, and its last word.
+/// The agent's place in a round, and its last answer.
 struct Round {
     observe: Observe,
     reply: Act,
@@ -130,7 +129,7 @@ impl<'a> Agent<'a> {
         let Role { bus, keys, config, folder, .. } = role;
         let (mut learner, saved) = Learner::start(config, id, &seat, folder)?;
         learner.compute_on(device, opened);
-        // A GPU does one pass after the other anyway.
+        // A GPU runs one pass after another anyway.
         learner.run_on(host(if device == DeviceName::Cpu { threads } else { 1 }));
         if let Some(before) = saved.as_ref().map(|saved| &saved.device).filter(|kind| *kind != device.kind())
         {
@@ -139,7 +138,7 @@ impl<'a> Agent<'a> {
                 round = seat.round,
                 before,
                 now = device.kind(),
-                "goes on on another kind of device: from here on the last bits differ from those of a run that stayed"
+                "resumed on another kind of device; the last bits will differ from those of the device before"
             );
         }
         let (unlogged, position) = match saved {
@@ -190,18 +189,18 @@ impl<'a> Agent<'a> {
                             break left;
                         }
                     }
-                    _ => self.ignored.add("a message on a key that says nothing to an agent"),
+                    _ => self.ignored.add("a message on a key that agents do not use"),
                 },
                 Ok(Event::Gone { .. }) => {
                     (deadline, world_gone) = (Instant::now() + GRACE, true);
                 }
-                // The same env-server repeats its tick soon; another one, started meanwhile, does not know
-                // this agent, which then has to start again too.
+                // The same env-server repeats its tick soon. A new one does not know this agent, which then has to
+                // start again too.
                 Ok(Event::Alive { .. }) if world_gone => deadline = Instant::now() + 2 * GRACE,
                 Ok(Event::Alive { .. }) => deadline = Instant::now() + self.role.wait,
-                Ok(Event::Query(_)) => self.ignored.add("a question"),
+                Ok(Event::Query(_)) => self.ignored.add("a query"),
                 Ok(Event::Stop) | Err(RecvTimeoutError::Disconnected) => break Left::Stopped,
-                // Perhaps it was this process that was stopped: the env-server repeats its tick every second.
+                // Perhaps this process was suspended: the env-server repeats its tick every second.
                 Err(RecvTimeoutError::Timeout) if !world_gone && !last_chance => {
                     (deadline, last_chance) = (Instant::now() + GRACE, true);
                 }
@@ -236,7 +235,7 @@ impl<'a> Agent<'a> {
         }
     }
 
-    /// Answers a tick; the reason to leave, if it closes the run.
+    /// Answers a tick. Returns the reason to leave if the tick closes the run.
     fn hear_tick(&mut self, payload: &[u8]) -> Result<Option<Left>, Failure> {
         let mut observe = std::mem::take(&mut self.round.observe);
         let decoded = timed(&mut self.seconds.encode, || observe.decode(payload));
@@ -254,7 +253,7 @@ impl<'a> Agent<'a> {
     fn take_tick(&mut self, observe: &Observe) -> Result<Option<Left>, Failure> {
         let id = observe.id();
         if self.round.answered == Some(id) {
-            // The env-server has not heard the answer: say it again.
+            // The env-server has not received the answer: send it again.
             self.send_reply()?;
             return Ok(None);
         }
@@ -279,7 +278,7 @@ impl<'a> Agent<'a> {
             let chosen = timed(&mut agent.seconds.inference, || agent.learner.tick(observe, learning, rng));
             actions.extend_from_slice(chosen);
         })?;
-        // Whatever has been answered, no round is finished with it.
+        // A failure of the device must surface before the round counts.
         self.learner.check_device()?;
         if over && learning {
             self.learn(observe.t_env)?;
@@ -287,7 +286,7 @@ impl<'a> Agent<'a> {
         Ok(None)
     }
 
-    /// Whether a tick is the one after the last answer: the next in its round, or the start of one.
+    /// Whether a tick follows the last answer: the next in its round, or the start of one.
     fn is_next(&self, id: &TickId) -> bool {
         let round_is_ours = id.epoch == self.seat.epoch && id.round == self.learner.rounds();
         round_is_ours
@@ -298,7 +297,7 @@ impl<'a> Agent<'a> {
             }
     }
 
-    /// Whether a tick has the sizes that were agreed on when this agent took its seat.
+    /// Whether a tick has the sizes of this agent's seat.
     fn fits(&self, observe: &Observe) -> bool {
         let copies = if observe.mode == Mode::Test { self.seat.test_episodes } else { self.seat.copies };
         let sizes = (self.seat.obs_size as usize, self.seat.n_actions as usize);
@@ -307,7 +306,7 @@ impl<'a> Agent<'a> {
             && (observe.tick > 0 || observe.rows() == copies as usize)
     }
 
-    /// Fills in an answer to `id` and sends it.
+    /// Makes an answer to `id` and sends it.
     fn reply(&mut self, id: TickId, fill: impl FnOnce(&mut Self, &mut Vec<u16>)) -> Result<(), Failure> {
         let mut reply = std::mem::take(&mut self.round.reply);
         (reply.mode, reply.epoch, reply.round, reply.tick) = (id.mode, id.epoch, id.round, id.tick);
@@ -323,12 +322,12 @@ impl<'a> Agent<'a> {
         Ok(timed(&mut self.seconds.send, || self.act.send(&self.round.reply_bytes))?)
     }
 
-    /// The update calls that end a round, and what follows from them.
+    /// The update calls at the end of a round.
     fn learn(&mut self, t_env_before: u64) -> Result<(), Failure> {
         let first = self.learner.update_calls();
         for update_call in first..first + self.learner.updates_due() {
             if let Err(failure) = self.rates(update_call) {
-                // Nothing has been learned from this round: this is still the edge before it.
+                // Nothing has been learned from this round, so the state is that after the round before.
                 self.save()?;
                 return Err(failure);
             }
@@ -346,7 +345,7 @@ impl<'a> Agent<'a> {
     }
 
     fn lesson(&mut self, lesson: usize, t_env_before: u64, t_env: u64) -> Result<(), Failure> {
-        // None in a lesson that makes no update call.
+        // `None` in a lesson without an update call.
         let rates = self.timetable.covering(self.learner.update_calls());
         let lr = rates.map_or(Some(0.0), |rates| rates.rate_of(self.id)).ok_or_else(|| {
             let text = format!("the schedule has no agent with id {}", self.id);
@@ -366,10 +365,10 @@ impl<'a> Agent<'a> {
         Ok(())
     }
 
-    /// What the schedule says of an update call. Waits for it: an update call that no schedule covers is
-    /// never made.
+    /// The rates of an update call. Waits for the schedule: no update call is made without one.
     fn rates(&mut self, update_call: u64) -> Result<Rates, Failure> {
-        // What has arrived meanwhile may be it; ticks cannot be among it, the env-server waits for us.
+        // The schedule may be among the events that have arrived. Other events are dropped here: the env-server repeats
+        // a tick, and the loss of its token is noticed by its silence.
         let deadline = Instant::now() + self.role.wait;
         let question = encode(&RatesQuery { update_call }).map_err(|error| Failure::new(exit::BUG, error))?;
         loop {
@@ -404,7 +403,7 @@ impl<'a> Agent<'a> {
         }
     }
 
-    /// Saves the round edge that this agent is at, unless that has been done.
+    /// Saves the state after the last complete round, unless it is already saved.
     fn save(&mut self) -> Result<(), Failure> {
         let round = self.learner.rounds();
         if self.saved == Some(round) || round == 0 {
@@ -423,11 +422,14 @@ impl<'a> Agent<'a> {
         let round = self.learner.rounds();
         let saved = if round > 0 { "its checkpoint is saved" } else { "there is nothing to save yet" };
         let what = if world_gone {
-            format!("the env-server has left run `{}` in round {round}", self.role.config.run)
+            format!("it left run `{}` in round {round}", self.role.config.run)
         } else {
-            format!("the env-server said nothing for {:?} in round {round}", self.role.wait)
+            format!("no message for {:?} in round {round}", self.role.wait)
         };
         let hint = "start the env-server again, then this agent with the same arguments";
-        Failure::new(exit::AGAIN, format!("agent {} is alone: {what}; {saved}\nhint: {hint}", self.id))
+        Failure::new(
+            exit::AGAIN,
+            format!("agent {} lost the env-server: {what}; {saved}\nhint: {hint}", self.id),
+        )
     }
 }

@@ -19,7 +19,7 @@ mod vectors;
 
 const DEADLINE: Duration = Duration::from_secs(20);
 
-/// The next event, of which nothing else may come before.
+/// The next event.
 fn next(events: &Events) -> Event {
     events.recv_timeout(DEADLINE).expect("it comes in time")
 }
@@ -55,7 +55,7 @@ fn the_request_to_join_and_the_last_answer_are_those_of_the_page() {
     assert_eq!((query.payload[34], query.payload.len()), (page[34], 44), "nearly every nonce is long");
     assert_eq!(query.payload[43], 0);
 
-    // The page's seat, without a checkpoint to go on from: epoch 1, round 0, no steps.
+    // The page's seat, without a checkpoint: epoch 1, round 0, no steps.
     let seat = [&vectors()["welcome-seat"][..3], &[1, 0, 0], &vectors()["welcome-seat"][12..]].concat();
     query.reply(&seat);
     assert!(matches!(next(&events), Event::Alive { .. }), "the token");

@@ -1,7 +1,7 @@
-//! Role: says whose turn it is to use which learning rate, and nothing else.
+//! Role: publishes which agent has which learning rate, and nothing else.
 //!
-//! It publishes the schedule ahead of need and answers whoever asks. It keeps no state: a coordinator that
-//! starts again says the same thing again. It knows no observation, no action and no weight.
+//! It publishes the schedule ahead of the agents and answers queries for it. It has no state: a coordinator that is
+//! started again publishes the same schedule. It receives no observation, no action and no weight.
 
 pub mod schedule;
 
@@ -17,8 +17,7 @@ use proto::control::{Progress, Rates, RatesQuery};
 use proto::exit;
 use proto::keys::Key;
 
-/// How many update calls ahead of the foremost agent the schedule is published: enough that an agent
-/// never waits for it, few enough that nothing is told about a distant future.
+/// The schedule is published this many update calls ahead of the foremost agent, so that no agent waits for it.
 const AHEAD: u64 = 64;
 
 /// Arguments of the role's process.
@@ -31,7 +30,7 @@ pub struct Arguments {
     pub listen: Vec<String>,
 }
 
-/// The whole process: opens what the arguments say and runs until the agents have left.
+/// The whole process: opens configuration, folder and bus, and runs until the agents have left.
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || run(arguments.common.open("coordinator", arguments.listen.clone(), vec![])?);
     match attempt() {
@@ -46,22 +45,21 @@ pub fn main(arguments: &Arguments) -> ExitCode {
 pub enum Left {
     /// All agents have left.
     Team,
-    /// It was asked to stop while agents were here; start it again.
+    /// It was stopped while agents were present; start it again.
     Stopped,
 }
 
-/// What goes into the role's result.json.
+/// The content of the role's result.json.
 #[derive(serde::Serialize)]
 struct Report {
     role: &'static str,
     traffic: Vec<(String, u64, u64)>,
 }
 
-/// Tells the agents of a run their learning rates until all of them have come and left, or until
-/// [`Event::Stop`].
+/// Publishes the learning rates of a run until all agents have joined and left, or until [`Event::Stop`].
 ///
 /// # Errors
-/// If agents do not come within `role.wait` (they are named), or the bus or the disk fails.
+/// If agents do not join within `role.wait` (the error names them), or the bus or the disk fails.
 pub fn run(role: Role) -> Result<Left, Failure> {
     let Role { ref bus, ref config, ref keys, ref events, wait, .. } = role;
     let publisher = bus.publisher(&keys.schedule())?;
@@ -72,7 +70,7 @@ pub fn run(role: Role) -> Result<Left, Failure> {
 
     let mut team = Team::new(config.world.agents);
     let mut ignored = Ignored::default();
-    // The furthest update call that anybody has come to, and the first that nobody has been told of.
+    // Highest update call reached, and the first that is not yet published.
     let (mut foremost, mut published) = (0, 0);
     let deadline = Instant::now() + wait;
     let mut left = Left::Team;
@@ -96,20 +94,19 @@ pub fn run(role: Role) -> Result<Left, Failure> {
                         query.reply(&bytes);
                         Some(asked.update_call)
                     }
-                    // The last number there is has no schedule after it; no run gets there.
+                    // The largest number has no schedule; no run reaches it.
                     Err(error) => {
-                        ignored
-                            .add(format_args!("a question about the schedule that has no answer: {error}"));
+                        ignored.add(format_args!("a query for a schedule that does not exist: {error}"));
                         None
                     }
                 },
                 Err(error) => {
-                    ignored.add(format_args!("a question on `{}`: {error}", query.key));
+                    ignored.add(format_args!("a query on `{}`: {error}", query.key));
                     None
                 }
             },
             Ok(Event::Alive { key }) => keys.parse(&key).filter(|key| team.came(key)).map(|_| {
-                // The newcomer has heard nothing of what the others have been told.
+                // Publish again: a new agent missed the earlier messages.
                 published = foremost;
                 foremost
             }),
@@ -127,7 +124,7 @@ pub fn run(role: Role) -> Result<Left, Failure> {
             Err(RecvTimeoutError::Disconnected) => break,
         };
         if let Some(reached) = reached {
-            // A peer may claim any progress; what it gets is one message per claim beyond the next few.
+            // A peer may claim any progress; each claim leads to at most a few messages.
             foremost = foremost.max(reached);
             let until = foremost.saturating_add(AHEAD);
             published = published.max(foremost);
@@ -143,13 +140,13 @@ pub fn run(role: Role) -> Result<Left, Failure> {
     Ok(left)
 }
 
-/// The schedule of an update call as it goes over the bus, and the first call that it does not cover.
+/// The encoded schedule of an update call, and the first call that it does not cover.
 fn message(config: &Config, update_call: u64) -> Result<(u64, Vec<u8>), WireError> {
     let rates = schedule::rates(config, update_call);
     Ok((rates.until, encode(&rates)?))
 }
 
-/// Who has been here and who still is.
+/// The agents that have joined, and those that are present.
 struct Team {
     came: Vec<bool>,
     present: Vec<bool>,
@@ -167,7 +164,7 @@ impl Team {
         }
     }
 
-    /// Whether the token is that of an agent of this team; it is here then.
+    /// Whether the token is that of an agent of this team; if so, it is present.
     fn came(&mut self, key: &Key) -> bool {
         let seat = self.seat(key);
         if let Some(seat) = seat {
@@ -195,8 +192,9 @@ impl Team {
         Failure::new(
             exit::AGAIN,
             format!(
-                "of run `{run}` agents did not come within {wait:?}: {}\nhint: start them with the coordinator's \
+                "agent{} {} of run `{run}` did not join within {wait:?}\nhint: start them with the coordinator's \
                  endpoint among their `--connect`, or give them longer with `--wait`",
+                if missing.len() == 1 { "" } else { "s" },
                 missing.join(", ")
             ),
         )

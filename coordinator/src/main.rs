@@ -1,8 +1,8 @@
-//! The coordinator as a process of its own: tells the agents their learning rates until all have left.
+//! The coordinator as a process: publishes the agents' learning rates until all have left.
 
 use std::process::ExitCode;
 
-/// Tells every agent of a run which learning rate it has in which update call
+/// Publishes which learning rate each agent of a run has in which update call
 #[derive(clap::Parser)]
 #[command(name = "rondo-coordinator", version)]
 struct Cli {

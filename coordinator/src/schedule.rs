@@ -6,22 +6,22 @@
 //! fast(u) = p mod n             the agent at the head of the pattern
 //! ```
 //!
-//! Not Algorithm 1 of the paper to the letter: its index slips by one, see algorithms §6.2.
+//! This follows the paper's text. Its Algorithm 1 differs in an index (algorithms §6.2).
 
 use proto::config::{Config, Period, SwitchUnit};
 use proto::control::Rates;
 
-/// The agent at the head of the pattern in update call `u`: with the paper's pattern it learns with
-/// `lr_0` and all others with `lr_1`. Called fast by custom; `lr_0` may be the smaller one.
+/// The agent at the head of the pattern in update call `u`. With the paper's pattern it learns with `lr_0` and all
+/// others with `lr_1`. It is called the fast agent, although `lr_0` may be the smaller rate.
 pub fn turn(u: u64, s: u64, n: u64) -> u64 {
     (u / s) % n
 }
 
-/// What holds in update call `u`, and for how long.
+/// The rates of update call `u`, and the range of update calls that they cover.
 pub fn rates(config: &Config, u: u64) -> Rates {
     let n = u64::from(config.world.agents);
-    // With gradient steps as the unit one update call of PPO is `epochs` of them; one of Q-learning is a single step.
-    // A valid configuration has whole update calls in a period.
+    // In gradient steps, an update call of PPO has `epochs` steps and one of Q-learning a single step. In a valid
+    // configuration a period is a whole number of update calls.
     let steps_per_call = match (config.schedule.switch_unit, &config.ppo) {
         (SwitchUnit::GradientStep, Some(ppo)) => u64::from(ppo.epochs),
         (SwitchUnit::UpdateCall, _) | (SwitchUnit::GradientStep, None) => 1,

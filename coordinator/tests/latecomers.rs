@@ -1,4 +1,4 @@
-//! What an agent is told that comes after the others.
+//! An agent that joins after the others receives the schedule.
 
 use std::thread;
 use std::time::Duration;
@@ -40,7 +40,7 @@ fn an_agent_that_comes_after_the_schedule_was_published_hears_it_too() {
         let (inbox, events) = bus::inbox();
         guards.push(agent.subscribe(&keys.schedule(), inbox).expect("a subscription"));
         guards.push(agent.announce(&keys.alive_agent(id)).expect("a token"));
-        // The second agent comes only when the first has been told.
+        // The second agent joins after the first has received the schedule.
         assert_eq!(told(&events).from, 0, "agent {id}");
     }
     stop.send(Event::Stop).expect("it listens");

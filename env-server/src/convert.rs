@@ -1,4 +1,4 @@
-//! Where worlds meet messages: environment copies on one side, one [`Observe`] for each agent on the other.
+//! Converts between worlds and messages: environment copies on one side, one [`Observe`] per agent on the other.
 
 use envs::scene::Scene;
 use envs::{Sizes, Task, World};
@@ -26,7 +26,7 @@ struct Copy {
 /// A finished episode.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Played<'a> {
-    /// Undiscounted sum of the team's rewards: of their mean, where agents learn from the mean.
+    /// Undiscounted sum of the team's rewards; of their mean with `world.reward = mean`.
     pub episode_return: f64,
     /// Each agent's own.
     pub returns: &'a [f64],
@@ -66,7 +66,7 @@ impl Copies {
         }
     }
 
-    /// Starts an episode in every copy. All chance in copy `k` follows from seed, purpose, round and `k`.
+    /// Starts an episode in every copy. The random stream of copy `k` follows from seed, purpose, round and `k`.
     pub fn reset(&mut self, seed: u64, purpose: &str, round: u64) {
         for (k, copy) in self.copies.iter_mut().enumerate() {
             copy.rng = stream(seed, "world", purpose, &[round, k as u64]);
@@ -79,7 +79,7 @@ impl Copies {
         self.rows.extend(0..self.copies.len() as u16);
     }
 
-    /// Fills in the rows of a tick for one agent.
+    /// Writes the rows of a tick for one agent.
     pub fn show(&self, agent: usize, to: &mut Observe) {
         let (obs_size, n_actions) = (self.sizes.obs_size[agent], self.sizes.n_actions[agent]);
         (to.obs_size, to.n_actions) = (obs_size, n_actions);
@@ -98,12 +98,12 @@ impl Copies {
         }
     }
 
-    /// Rows of the present tick that want an action.
+    /// Rows of the present tick that need an action.
     pub fn running(&self) -> usize {
         self.rows.iter().filter(|&&row| self.copies[usize::from(row)].end == End::Running).count()
     }
 
-    /// Whether each action is available in its row; the first that is not, as (row, action).
+    /// Checks that each action is available in its row. The error is the first that is not, as (row, action).
     pub fn check(&self, agent: usize, actions: &[u16]) -> Result<(), (u16, u16)> {
         let mut avail = vec![0; self.sizes.n_actions[agent]];
         let running = self.rows.iter().filter(|&&row| self.copies[usize::from(row)].end == End::Running);
@@ -116,7 +116,7 @@ impl Copies {
         Ok(())
     }
 
-    /// Does what the worlds can do of the next step before the team has answered.
+    /// Lets the worlds precompute parts of the next step while the agents choose actions.
     pub fn think_ahead(&mut self) {
         for &row in &self.rows {
             let copy = &mut self.copies[usize::from(row)];
@@ -150,7 +150,7 @@ impl Copies {
         }
     }
 
-    /// What an agent learns from (algorithms §2.5), out of everybody's own rewards.
+    /// The reward that an agent learns from (algorithms §2.5), from all agents' own rewards.
     fn reward_of(&self, agent: usize, rewards: &[f64]) -> f64 {
         match self.reward {
             Reward::Sum => rewards.iter().sum(),
@@ -159,7 +159,7 @@ impl Copies {
         }
     }
 
-    /// What a copy looks like now.
+    /// The picture of a copy.
     pub fn scene(&self, copy: usize) -> Scene {
         self.copies[copy].world.scene()
     }
@@ -178,10 +178,11 @@ fn mean(rewards: &[f64]) -> f64 {
     rewards.iter().sum::<f64>() / rewards.len() as f64
 }
 
-/// Whether what a world shows an agent are numbers: an agent drops a message with any other, and would wait for ever.
+/// Checks that a world's rewards and observations are finite: an agent drops a message with other numbers, and the
+/// round would never end.
 ///
 /// # Errors
-/// With what is none and where. The same seed comes to it again, so this is [`exit::CONFIG`].
+/// Names the number and its place. The same seed gives it again, so this is [`exit::CONFIG`].
 pub fn check_numbers(agent: usize, observe: &Observe) -> Result<(), Failure> {
     let bad = |numbers: &[f32]| numbers.iter().position(|number| !number.is_finite());
     let (row, what) = if let Some(row) = bad(&observe.rewards) {

@@ -1,7 +1,7 @@
-//! Role: steps one world; tells each agent what that agent sees, and nothing else.
+//! Role: steps one world, and sends each agent only what that agent sees.
 //!
-//! It is the run's clock: it waits until every seat is taken (`seats`), plays rounds (`round`), counts
-//! environment steps, orders tests and closes the run (`run`). It does not know what an algorithm is.
+//! It is the run's clock: it waits until every seat is taken (`seats`), plays rounds (`round`), counts environment
+//! steps, starts tests and closes the run (`run`). It has no knowledge of algorithms.
 
 mod convert;
 mod record;
@@ -31,19 +31,18 @@ pub struct Arguments {
     /// The opponent's weights, if the configuration names a file of its own; kept in the run folder
     #[arg(long, value_name = "FILE")]
     pub opponent: Option<PathBuf>,
-    /// Start from the beginning where not every role holds a checkpoint of the same round; the old checkpoints and
-    /// rows are set aside
+    /// Start from the beginning if no round is held by every role; the old checkpoints and rows are set aside
     #[arg(long)]
     pub start_over: bool,
 }
 
-/// The whole process: opens what the arguments say and runs until the run is closed.
+/// The whole process: opens configuration, folder and bus, and runs until the run is closed.
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || {
         let role = arguments.common.open("world", arguments.listen.clone(), vec![])?;
         if let Some(file) = &arguments.opponent {
             let bytes = read(file)?;
-            // A wrong one must not take the place of the one that is there.
+            // A wrong file must not replace the one in the run folder.
             task::check_opponent(&role.config.world.opponent, &bytes, file)?;
             role.folder.keep_in_run(OPPONENT_FILE, &bytes)?;
         }
@@ -56,7 +55,7 @@ pub fn main(arguments: &Arguments) -> ExitCode {
     }
 }
 
-/// A whole file.
+/// Reads a whole file.
 fn read(file: &Path) -> Result<Vec<u8>, Failure> {
     std::fs::read(file)
         .map_err(|error| Failure::new(exit::IO, format!("cannot read {}: {error}", file.display())))

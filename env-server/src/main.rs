@@ -1,8 +1,8 @@
-//! The env-server as a process of its own: steps the shared world until the budget is used.
+//! The env-server as a process: steps the shared world until the budget is used.
 
 use std::process::ExitCode;
 
-/// Steps the shared world and tells each agent what that agent sees
+/// Steps the shared world and sends each agent what that agent sees
 #[derive(clap::Parser)]
 #[command(name = "rondo-env-server", version)]
 struct Cli {

@@ -1,4 +1,4 @@
-//! What the env-server writes down: metric rows, its own checkpoints, a report, scalars for a display.
+//! The env-server's records: metric rows, the content of its checkpoints, a report, scalars for a display.
 
 use proto::config::Reward;
 use proto::control::Metrics;
@@ -7,7 +7,7 @@ use store::Row;
 
 use crate::convert::Played;
 
-/// The run as it stands at a round edge: everything that decides how it goes on.
+/// The state of a run between rounds: everything that its continuation depends on.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Edge {
     /// Training rounds completed.
@@ -32,13 +32,13 @@ pub struct Unlogged {
     returns: f64,
     squares: f64,
     lengths: u64,
-    /// Of each agent's own returns, where these are what agents learn from; else empty.
+    /// Of each agent's own returns with `world.reward = individual`; else empty.
     #[serde(default)]
     of_agents: Vec<f64>,
 }
 
 impl Unlogged {
-    /// Adds the episodes of a round; each agent's own returns count where agents learn from them.
+    /// Adds the episodes of a round, with each agent's own returns if agents learn from them.
     pub fn add<'a>(&mut self, played: impl Iterator<Item = Played<'a>>, reward: Reward) {
         for episode in played {
             self.episodes += 1;
@@ -54,7 +54,7 @@ impl Unlogged {
         }
     }
 
-    /// Adds the agents' own mean returns to a row, where they are known.
+    /// Adds the agents' own mean returns to a row, if they are recorded.
     fn own_returns(&self, row: Row, prefix: &str) -> Row {
         let own = self.of_agents.iter().enumerate();
         own.fold(row, |row, (agent, sum)| {
@@ -82,7 +82,7 @@ impl Unlogged {
 }
 
 impl Edge {
-    /// A test is due: after the first round, and whenever `interval` steps have passed since the last
+    /// Whether a test is due: after the first round, and whenever `interval` steps have passed since the last test
     /// (algorithms §8.1).
     pub fn test_is_due(&self, interval: u64) -> bool {
         self.last_test.is_none_or(|last| self.t_env - last >= interval)
@@ -124,7 +124,7 @@ impl Edge {
     }
 }
 
-/// Wall time of this process by what it did; reported, never decided upon.
+/// Wall time of this process by activity, for reports only.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Seconds {
     /// Resetting and stepping worlds.
@@ -135,9 +135,9 @@ pub struct Seconds {
     pub send: f64,
     /// Waiting for actions in the middle of a round: the bus and the agents' inference.
     pub actions: f64,
-    /// Waiting at the last tick of a round, where whoever has answered begins to learn, and at tick 0 of the next.
+    /// Waiting at the last tick of a round, after which agents learn, and at tick 0 of the next.
     pub updates: f64,
-    /// Tests, but for the wait at their tick 0.
+    /// Tests, without the wait at their tick 0.
     pub tests: f64,
     /// Checkpoints and metric rows.
     pub disk: f64,
@@ -145,7 +145,7 @@ pub struct Seconds {
     pub total: f64,
 }
 
-/// What goes into the role's result.json.
+/// The content of the role's result.json.
 #[derive(Serialize)]
 pub struct Report {
     pub role: &'static str,
@@ -160,9 +160,9 @@ pub struct Report {
     pub ignored_messages: u64,
     pub peak_memory_bytes: Option<u64>,
     pub cpu_seconds: Option<f64>,
-    /// In all threads of the process since the first tick; only where allocations are counted.
+    /// In all threads of the process since the first tick; only in builds that count allocations.
     pub allocations: Option<u64>,
-    /// When the first environment step was made, in seconds since 1970: a launcher tells from it how long the start
+    /// Time of the first environment step, in seconds since 1970. The launcher computes from it how long the start
     /// took.
     pub first_step_at: Option<f64>,
     pub traffic: Vec<(String, u64, u64)>,

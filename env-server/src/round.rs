@@ -1,4 +1,4 @@
-//! One round: episodes in all copies, in lock-step with the agents, tick by tick.
+//! One round: episodes in all copies, tick by tick, in lock-step with the agents.
 
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -14,19 +14,19 @@ use crate::convert::{check_numbers, Copies};
 use crate::record::Seconds;
 use crate::seats::Seats;
 
-/// An answer that has not come after this time is asked for again: the tick or the answer may have been
-/// lost with a connection.
+/// A tick without an answer is sent again after this time: the tick or the answer may have been lost with a
+/// connection.
 const SEND_AGAIN: Duration = Duration::from_secs(1);
 
 /// An agent whose connection is lost may come back within this time.
 pub const GRACE: Duration = Duration::from_secs(5);
 
-/// Why a round is not played to its end.
+/// Why a round has not ended.
 #[derive(Debug)]
 pub enum Interrupted {
-    /// An agent is lost or silent, or the bus fails.
+    /// An agent is lost or does not answer, or the bus fails.
     Failed(Failure),
-    /// Asked to stop a second time.
+    /// A second request to stop.
     Aborted,
 }
 
@@ -36,25 +36,25 @@ impl<E: Into<Failure>> From<E> for Interrupted {
     }
 }
 
-/// The lines to the agents, and what has come in on them.
+/// The connections to the agents, and their answers.
 pub struct Team<'a> {
     pub keys: Keys,
     pub seats: Seats,
     pub observe: Vec<Publisher>,
     pub events: &'a Events,
-    /// Longest silence of an agent before the run is given up.
+    /// Longest time without an answer of an agent before the run ends.
     pub patience: Duration,
-    /// [`Event::Stop`] has come: stop at the next round edge.
+    /// [`Event::Stop`] has arrived: stop after the present round.
     pub stop: bool,
     pub seconds: Seconds,
     pub ticks: u64,
-    /// In seconds since 1970; for the report alone.
+    /// In seconds since 1970; for the report only.
     pub first_step_at: Option<f64>,
     pub ignored: Ignored,
     messages: Vec<Vec<u8>>,
     answers: Vec<Vec<u16>>,
     answered: Vec<bool>,
-    /// The last thing wrong with a message of each agent.
+    /// Reason of the last rejected message, per agent.
     complaints: Vec<Option<String>>,
     observation: Observe,
     act: Act,
@@ -94,7 +94,7 @@ impl<'a> Team<'a> {
     /// steps counted before.
     ///
     /// # Errors
-    /// If an agent is lost or silent for too long.
+    /// If an agent is lost or does not answer for too long.
     pub fn play(
         &mut self,
         copies: &mut Copies,
@@ -127,7 +127,8 @@ impl<'a> Team<'a> {
             self.wait_for_answers(id, Some(copies))?;
             let waited = sent.elapsed().as_secs_f64();
             let over = copies.running() == 0;
-            // After the last tick the agents learn, some before others have answered it; at tick 0 they finish.
+            // After the last tick the agents learn, some before others have answered it. They answer tick 0 when they
+            // are done.
             let learning = over || id.tick == 0;
             *(if learning { &mut self.seconds.updates } else { &mut self.seconds.actions }) += waited;
             self.ticks += 1;
@@ -145,10 +146,10 @@ impl<'a> Team<'a> {
         }
     }
 
-    /// Tells everybody that the run is over and waits until all have heard it.
+    /// Sends the closing tick and waits for every answer.
     ///
     /// # Errors
-    /// If an agent is lost or silent for too long.
+    /// If an agent is lost or does not answer for too long.
     pub fn close(&mut self, id: TickId, t_env: u64) -> Result<(), Interrupted> {
         self.seats.close();
         let message =
@@ -160,19 +161,19 @@ impl<'a> Team<'a> {
         self.wait_for_answers(id, None)
     }
 
-    /// Waits until every agent has answered tick `id`; with `copies` the answers must be actions for their
-    /// running rows.
+    /// Waits until every agent has answered tick `id`. With `copies`, the answers must be actions for their running
+    /// rows.
     fn wait_for_answers(&mut self, id: TickId, copies: Option<&Copies>) -> Result<(), Interrupted> {
         self.answered.fill(false);
         let mut send_again = Instant::now() + SEND_AGAIN;
-        // Silence is counted in repetitions without an answer, not by the clock: while this process itself
-        // is stopped, or its host asleep, nobody can answer.
+        // The time without an answer is counted in repetitions, not by the clock: while this process is suspended, or
+        // its host is, no agent can answer.
         let mut repetitions = 0;
         while self.answered.contains(&false) {
-            // Whoever has answered may leave.
+            // An agent that has answered may leave.
             let loss = self.seats.next_loss(GRACE, |agent| !self.answered[agent]);
             let next = loss.map_or(send_again, |(_, when)| when.min(send_again));
-            // There is nothing to do before the last answer is in.
+            // There is nothing to do before the last answer.
             let missing = self.answered.iter().filter(|&&answered| !answered).count();
             let time = next.saturating_duration_since(Instant::now());
             let event = self.events.recv_together(missing, time);
@@ -182,7 +183,7 @@ impl<'a> Team<'a> {
                     _ => self.ignored.add(format_args!("nothing is expected on `{key}`")),
                 },
                 Ok(Some(Event::Query(query))) => {
-                    self.ignored.add(format_args!("no question is expected on `{}`", query.key));
+                    self.ignored.add(format_args!("no query is expected on `{}`", query.key));
                 }
                 Ok(Some(Event::Stop)) if self.stop => return Err(Interrupted::Aborted),
                 Ok(Some(Event::Stop)) => self.stop = true,
@@ -208,7 +209,7 @@ impl<'a> Team<'a> {
         Ok(())
     }
 
-    /// Takes in one answer. Old ones are repetitions and pass; wrong ones are counted and dropped.
+    /// Processes one answer. Old ones are repetitions and are skipped; wrong ones are counted and dropped.
     fn hear(&mut self, agent: u32, payload: &[u8], id: TickId, copies: Option<&Copies>) {
         let agent = agent as usize;
         if agent >= self.answered.len() {
@@ -241,10 +242,10 @@ impl<'a> Team<'a> {
     }
 
     fn has_left(&self, agent: usize, id: TickId) -> Failure {
-        let run = format!("agent {agent} has left the run and did not come back within {GRACE:?} ({id})");
+        let run = format!("agent {agent} left the run and did not come back within {GRACE:?} ({id})");
         Failure::new(
             exit::AGAIN,
-            format!("{run}\nhint: everybody else has saved; start the same commands again"),
+            format!("{run}\nhint: all others have saved; start the same commands again"),
         )
     }
 

@@ -1,4 +1,4 @@
-//! The run from the first seat to the last word: rounds, tests, checkpoints, close.
+//! The whole run: seats, rounds, tests, checkpoints, close.
 
 use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
@@ -24,11 +24,11 @@ use crate::task::task;
 pub enum Closed {
     /// The budget is used.
     Finished,
-    /// It was asked to stop; it can be resumed.
+    /// It was stopped; it can be resumed.
     Stopped,
 }
 
-/// What a checkpoint of the env-server holds. Random streams are named by round, so they need no state.
+/// The content of the env-server's checkpoints. Random streams are named by round and need no state.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     edge: Edge,
@@ -36,12 +36,12 @@ struct Saved {
     metrics: Position,
 }
 
-/// Runs the world until the budget is used or [`Event::Stop`] comes. `start_over`: where no round is held by every
+/// Runs the world until the budget is used or [`Event::Stop`] arrives. `start_over`: if no round is held by every
 /// process, set the old state aside and start from the beginning.
 ///
 /// # Errors
-/// If the task is unknown or does not fit the configuration, agents do not come within `role.wait`
-/// (they are named), leave or fall silent for as long, or the disk fails.
+/// If the task is unknown or does not fit the configuration; if agents do not join or answer within `role.wait` (the
+/// error names them), or leave; or on I/O errors.
 pub fn run(role: Role, start_over: bool) -> Result<Closed, Failure> {
     let Role { ref bus, ref config, ref keys, ref events, ref folder, wait, .. } = role;
     let task = task(config, folder.run())?;
@@ -123,7 +123,7 @@ pub fn run(role: Role, start_over: bool) -> Result<Closed, Failure> {
     closed
 }
 
-/// Hears who comes until nobody is `missing` any more.
+/// Waits until no agent is `missing`.
 fn take_in(
     seats: &mut Seats,
     role: &Role,
@@ -134,19 +134,19 @@ fn take_in(
     while !missing(seats).is_empty() {
         let event = role.events.recv_timeout(deadline.saturating_duration_since(Instant::now()));
         match event.map(|event| seats.hear(keys, event)) {
-            Ok(Some(Event::Query(query))) => tracing::warn!(key = %query.key, "ignored a question"),
+            Ok(Some(Event::Query(query))) => tracing::warn!(key = %query.key, "ignored a query"),
             Ok(Some(Event::Stop)) | Err(RecvTimeoutError::Disconnected) => {
                 return Err(Failure::new(
                     exit::AGAIN,
-                    format!("run `{run}` was stopped before everybody had joined"),
+                    format!("run `{run}` was stopped before all agents had joined"),
                 ));
             }
             Err(RecvTimeoutError::Timeout) => return Err(did_not_join(seats, missing, role)),
             Ok(_) => {}
         }
-        // Nothing has begun: who leaves now does not come back as the same process.
+        // Before the first round, an agent that leaves has died.
         if let Some((id, _)) = seats.next_loss(Duration::ZERO, |_| true) {
-            let text = format!("agent {id} has left run `{run}` before it began\nhint: look at its log");
+            let text = format!("agent {id} left run `{run}` before it began\nhint: look at its log");
             return Err(Failure::new(exit::AGAIN, text));
         }
     }
@@ -156,15 +156,17 @@ fn take_in(
 fn did_not_join(seats: &Seats, missing: fn(&Seats) -> Vec<usize>, role: &Role) -> Failure {
     let missing = missing(seats);
     let list = |ids: &[usize]| ids.iter().map(usize::to_string).collect::<Vec<_>>().join(", ");
+    let named = |ids: &[usize]| format!("agent{} {}", if ids.len() == 1 { "" } else { "s" }, list(ids));
     let here: Vec<usize> = (0..seats.team_size()).filter(|id| !missing.contains(id)).collect();
-    let here = if here.is_empty() { "nobody is here".to_owned() } else { format!("here: {}", list(&here)) };
+    let here = if here.is_empty() { "none joined".to_owned() } else { format!("joined: {}", list(&here)) };
     let first = missing.first().copied().unwrap_or_default();
     if seats.not_joined().is_empty() {
         let text = format!(
-            "agents {} of run `{}` joined, but did not announce themselves within {:?} ({here})\n  waited for the \
+            "{} of run `{}` joined, but did not announce {} within {:?} ({here})\n  waited for the \
              liveliness token `{}`\nhint: an agent declares it after its seat; look at its log",
-            list(&missing),
+            named(&missing),
             role.config.run,
+            if missing.len() == 1 { "itself" } else { "themselves" },
             role.wait,
             role.keys.alive_agent(first as u32)
         );
@@ -173,12 +175,12 @@ fn did_not_join(seats: &Seats, missing: fn(&Seats) -> Vec<usize>, role: &Role) -
     Failure::new(
         exit::AGAIN,
         format!(
-            "of run `{}` agents did not join within {:?}: {} ({here})\n  waited on `{}`\n\
+            "{} of run `{}` did not join within {:?} ({here})\n  waited on `{}`\n\
              hint: on its host run `rondo-agent --id {first} --config FILE --out DIR --connect ENDPOINT …`, \
              or give it longer with `--wait`",
+            named(&missing),
             role.config.run,
             role.wait,
-            list(&missing),
             role.keys.join(first as u32)
         ),
     )
@@ -199,15 +201,15 @@ struct Server<'a> {
     testing: Copies,
     team: Team<'a>,
     metrics: MetricsWriter,
-    /// A row that is due could not be written. The present edge counts it as written, so a run that went
-    /// on from here would lack it: nothing is saved any more.
+    /// A due row could not be written. The present state counts it as written, so a run resumed from here would lack
+    /// it. Therefore nothing is saved after that.
     row_missing: bool,
     display: Scalars,
 }
 
 impl Server<'_> {
-    /// Plays rounds until the end of the budget, a request to stop, or a failure; in every case the last
-    /// edge is saved, if it can be, and everybody who can be reached is told.
+    /// Plays rounds until the end of the budget, a request to stop, or a failure. In every case it then saves the state
+    /// after the last round, if possible, and sends the closing tick to all agents that can be reached.
     fn rounds(&mut self) -> Result<Closed, Failure> {
         let start = Instant::now();
         let played = self.play_on();
@@ -219,7 +221,7 @@ impl Server<'_> {
             Err(Interrupted::Aborted) => return Ok(Closed::Stopped),
             Err(Interrupted::Failed(failure)) => (Mode::Stopped, Err(failure)),
         };
-        // With somebody lost already, the others are told but not waited for as long.
+        // If an agent is already lost, the wait for the others is shorter.
         if result.is_err() {
             self.team.patience = GRACE;
         }
@@ -271,7 +273,7 @@ impl Server<'_> {
         let start = Instant::now();
         let id = TickId { epoch: self.epoch, round: self.edge.round, mode: Mode::Test, tick: 0 };
         self.team.play(&mut self.testing, id, self.edge.t_env, self.config.seed)?;
-        // The wait at its tick 0 is for the update calls; all the rest is the test's.
+        // The wait at its tick 0 is for the update calls; the rest is the test's.
         let updates = self.team.seconds.updates;
         self.team.seconds = Seconds { updates, ..before };
         self.team.seconds.tests += start.elapsed().as_secs_f64() - (updates - before.updates);
@@ -292,8 +294,8 @@ impl Server<'_> {
         Ok(())
     }
 
-    /// Saves the present round edge, unless that has been done. An edge between a round and its test is
-    /// the same edge: a run that goes on from it plays the test first.
+    /// Saves the state between rounds, unless it is already saved. The state is the same before and after a test: a run
+    /// resumed from it plays a due test first.
     fn save(&mut self) -> Result<(), Failure> {
         if self.saved == Some(self.edge.round) || self.edge.round == 0 || self.row_missing {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Taking the team in: who may join, from which round everybody can start, who is still here.
+//! The seats of a team: which agents may join, the common round to start from, and which agents are present.
 
 use std::time::{Duration, Instant};
 
@@ -23,21 +23,20 @@ pub struct Seats {
 struct SeatState {
     nonce: Option<u64>,
     checkpoints: Vec<u64>,
-    /// The question of an agent that waits for the others.
+    /// The request of an agent that waits for the others.
     waiting: Option<Query>,
     present: bool,
     gone_since: Option<Instant>,
 }
 
 impl Seats {
-    /// Empty seats for the configured team; `own_rounds` are those the env-server holds checkpoints of.
+    /// Empty seats for the configured team. `own_rounds` are those that the env-server can start from.
     pub fn new(config: &Config, own_rounds: Vec<u64>) -> Self {
         let seats = (0..config.world.agents).map(|_| SeatState::default()).collect();
         Self { digest: config.digest(), seats, own_rounds, granted: None, closing: false }
     }
 
-    /// Takes in what is about seats: requests to join, and agents' tokens coming and going. Gives back
-    /// every other event.
+    /// Processes requests to join and changes of agents' tokens. Returns every other event.
     pub fn hear(&mut self, keys: &Keys, event: Event) -> Option<Event> {
         let key = match &event {
             Event::Query(Query { key, .. }) | Event::Alive { key } | Event::Gone { key } => keys.parse(key),
@@ -47,15 +46,14 @@ impl Seats {
             (Event::Query(query), Some(Key::Join(id))) => self.ask(id, query),
             (Event::Alive { .. }, Some(Key::AliveAgent(id))) => self.came(id),
             (Event::Gone { .. }, Some(Key::AliveAgent(id))) => self.went(id),
-            // The other tokens of the run, the env-server's own among them.
+            // The other tokens of the run, also the env-server's own.
             (Event::Alive { .. } | Event::Gone { .. }, _) => {}
             (other, _) => return Some(other),
         }
         None
     }
 
-    /// Takes in a request to join seat `id`: refuses it, holds it until the team is complete, or, when it
-    /// is complete, answers it.
+    /// Processes a request to join seat `id`: refuses it, holds it until the team is complete, or answers it.
     fn ask(&mut self, id: u32, query: Query) {
         match self.admit(id, &query.payload) {
             Err(refusal) => {
@@ -90,7 +88,7 @@ impl Seats {
             return Err(Refusal::Config { ours: self.digest, theirs: join.config_digest });
         }
         match seat.nonce {
-            // The one who had this seat is gone: the run goes on only if that very process comes back.
+            // The process with this seat is gone. Only the same process may come back.
             Some(nonce) if nonce != join.nonce && seat.gone_since.is_some() => Err(Refusal::Closing),
             Some(nonce) if nonce != join.nonce => Err(Refusal::IdTaken { id }),
             _ => {
@@ -105,21 +103,21 @@ impl Seats {
         self.seats.len()
     }
 
-    /// Seats whose agent has not asked to join.
+    /// Seats whose agent has not requested to join.
     pub fn not_joined(&self) -> Vec<usize> {
         (0..self.seats.len()).filter(|&id| self.seats[id].nonce.is_none()).collect()
     }
 
-    /// Seats whose agent has not shown its token yet, or not any more.
+    /// Seats whose agent's token is absent.
     pub fn absent(&self) -> Vec<usize> {
         (0..self.seats.len()).filter(|&id| !self.seats[id].present).collect()
     }
 
-    /// The latest round that everybody can start from. It is 0, the beginning, for a new run, and where the first
-    /// save was cut short: then nobody holds more than one checkpoint, and everybody had a seat before.
+    /// The latest round that all processes can start from. It is 0, the beginning, for a new run, and after an
+    /// incomplete first save: then no process holds more than one checkpoint, and all agents had a seat before.
     ///
     /// # Errors
-    /// Who holds what, if going back to the beginning would throw work away.
+    /// Which process holds which rounds, if starting at 0 would discard work.
     pub fn common_round(&self) -> Result<u64, String> {
         let everybody = || std::iter::once(&self.own_rounds).chain(self.seats.iter().map(|s| &s.checkpoints));
         let held_by_all = |round: &&u64| everybody().all(|rounds| rounds.contains(round));
@@ -146,7 +144,7 @@ impl Seats {
         texts.collect::<Vec<_>>().join(", ")
     }
 
-    /// Refuses everybody who waits, and takes nobody in any more.
+    /// Refuses all waiting agents and accepts no more.
     pub fn refuse(&mut self, refusal: &Refusal) {
         for state in &mut self.seats {
             if let Some(query) = state.waiting.take() {
@@ -156,7 +154,7 @@ impl Seats {
         self.closing = true;
     }
 
-    /// Grants all seats; answers everybody who waits.
+    /// Grants all seats and answers all waiting agents.
     pub fn grant(&mut self, seats: Vec<Seat>) {
         for (state, seat) in self.seats.iter_mut().zip(&seats) {
             if let Some(query) = state.waiting.take() {
@@ -166,7 +164,7 @@ impl Seats {
         self.granted = Some(seats);
     }
 
-    /// Takes nobody in any more.
+    /// Accepts no more agents.
     pub fn close(&mut self) {
         self.closing = true;
     }
@@ -185,8 +183,7 @@ impl Seats {
         }
     }
 
-    /// Of the agents that are waited for and gone, the one that has been so for longest, and when its
-    /// `grace` ends.
+    /// The agent that has been gone for longest among those with `waited_for`, and the end of its `grace`.
     pub fn next_loss(&self, grace: Duration, waited_for: impl Fn(usize) -> bool) -> Option<(usize, Instant)> {
         let gone = self.seats.iter().enumerate().filter(|(id, _)| waited_for(*id));
         gone.filter_map(|(id, seat)| Some((id, seat.gone_since? + grace))).min_by_key(|(_, when)| *when)

@@ -8,13 +8,13 @@ use process::Failure;
 use proto::config::{Config, World};
 use proto::exit;
 
-/// Where a run keeps the weights of an opponent that did not come with the task.
+/// The file in a run folder with the weights of an opponent that is not built in.
 pub const OPPONENT_FILE: &str = "opponent.safetensors";
 
 /// The task of a run whose folder is `run`.
 ///
 /// # Errors
-/// If there is no such task, it has another number of agents, or its opponent is not there.
+/// If there is no such task, it has another number of agents, or its opponent is missing.
 pub fn task(config: &Config, run: &Path) -> Result<Task, Failure> {
     let World { task: name, agents, pad, .. } = &config.world;
     let refused = |error| Failure::new(exit::CONFIG, error);
@@ -30,8 +30,8 @@ pub fn task(config: &Config, run: &Path) -> Result<Task, Failure> {
     Ok(if *pad { task.padded() } else { task })
 }
 
-/// The opponent that `world.opponent` names; weights are read from the run's folder and compared with their digest,
-/// so that no run goes on against another opponent.
+/// The opponent that `world.opponent` names. Weights are read from the run's folder and compared with their digest, so
+/// that a run never continues against another opponent.
 fn opponent(named: &str, run: &Path) -> Result<Opponent, Failure> {
     match named {
         "builtin" => return Ok(Opponent::Builtin),
@@ -52,10 +52,10 @@ fn opponent(named: &str, run: &Path) -> Result<Opponent, Failure> {
     Ok(Opponent::Weights(Arc::from(bytes)))
 }
 
-/// Whether a file holds the opponent of this run, which `world.opponent` calls `named`.
+/// Checks that a file holds the opponent `named` of this run (`world.opponent`).
 ///
 /// # Errors
-/// If it holds another, or the run's opponent does not come in a file.
+/// If it holds another one, or the run's opponent is not from a file.
 pub fn check_opponent(named: &str, bytes: &[u8], file: &Path) -> Result<(), Failure> {
     let found = store::digest_of(bytes);
     if found == named {

@@ -1,5 +1,4 @@
-//! The program's command line. That these tests exist also makes cargo build the program, which the system
-//! tests start.
+//! The program's command line. These tests also make cargo build the program, which the system tests start.
 
 use std::process::{Command, Output};
 

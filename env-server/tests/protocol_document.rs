@@ -21,7 +21,7 @@ mod vectors;
 
 const DEADLINE: Duration = Duration::from_secs(20);
 
-/// Three agents, as in the vectors, and as little to do as possible.
+/// Three agents, as in the vectors, and little work.
 fn small() -> Config {
     let mut config = config("run", "lbf-8x8-3p-1f", 3, AlgoName::Ippo, Family::Lbf);
     (config.t_max, config.world.copies, config.test.episodes) = (1, 2, 3);
@@ -51,7 +51,7 @@ impl Run {
         let (bus, deadline) = (run.hub.connect(), Instant::now() + DEADLINE);
         let (inbox, events) = bus::inbox();
         let _watch = bus.watch(&run.keys.alive_world(), inbox).expect("a watch");
-        // Its token comes when it answers questions.
+        // Its token appears when it answers queries.
         let alive = events.recv_timeout(deadline.saturating_duration_since(Instant::now()));
         assert!(matches!(alive, Ok(Event::Alive { .. })), "{alive:?}");
         run
@@ -68,7 +68,7 @@ impl Run {
         answer.expect("it can ask").expect("an answer")
     }
 
-    /// Takes all seats.
+    /// Joins with all agents.
     fn team(&self) -> Vec<Player> {
         let seats: Vec<Vec<u8>> = thread::scope(|scope| {
             let asking: Vec<_> =
@@ -135,7 +135,7 @@ impl Player {
     }
 }
 
-/// The page's closing message with other counters: everything else must be as it stands there.
+/// The page's closing message with other counters.
 fn closing(mode: Mode, round: u64, t_env: u64) -> Vec<u8> {
     let mut bytes = vectors()["observe-finished"].clone();
     bytes[2] = mode as u8;
@@ -179,7 +179,7 @@ fn the_messages_that_close_a_finished_run_are_those_of_the_page() {
 fn the_messages_that_stop_a_run_are_those_of_the_page() {
     let run = Run::start(small());
     let team = run.team();
-    // Asked to stop before the first answer: the round is played to its end.
+    // A request to stop before the first answer: the round is played to its end.
     run.stop.send(Event::Stop).expect("it listens");
     let closings = play(team);
     assert_eq!(run.server.join().expect("it does not panic").expect("it ends well"), Closed::Stopped);
@@ -205,7 +205,7 @@ fn refusals_are_those_of_the_page() {
     assert_eq!(malformed[..4], vectors["welcome-malformed"][..4]);
     assert_eq!(malformed.len(), 5 + usize::from(malformed[4]), "a text and nothing behind it");
 
-    // Two processes ask for the same seat: one of them waits for the rest of the team.
+    // Two processes request the same seat: one of them waits for the rest of the team.
     let (answers, first) = mpsc::channel();
     for nonce in [1, 2] {
         let (bus, key, question) = (run.hub.connect(), run.keys.join(2), run.join(nonce));

@@ -1,13 +1,12 @@
-//! How strong opponents are: mean returns of scripted teams against each of them, with standard errors. Weights
-//! come from the files that the command line names (`prey*` for Tag, `adversary*` for Adversary); beside them
-//! play the network that is built in, a random opponent and one that does nothing.
+//! The strength of opponents: mean returns of scripted teams against each of them, with standard errors. The command
+//! line names files of weights (`prey*` for Tag, `adversary*` for Adversary). The built-in network, a random opponent
+//! and one that does nothing are measured too.
 //!
 //! ```text
 //! cargo bench -p envs --bench opponents -- path/prey.safetensors path/adversary.safetensors
 //! ```
 //!
-//! The scripts are those of the specification's table (mpe §8): predators chase the prey, and both good agents
-//! go to the goal.
+//! The scripts: predators chase the prey, and both good agents go to the goal (mpe §8).
 
 use std::path::Path;
 
@@ -16,10 +15,10 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 const EPISODES: u32 = 1000;
-/// Within this of its aim, an agent lets itself drift.
+/// An agent does nothing within this distance of its target.
 const NEAR: f32 = 0.05;
 
-/// A game, what its files are called, and how many observed numbers stand before the aim of a team's agent.
+/// A game, the prefix of its files, and the place of a team agent's target in its observation.
 const GAMES: [(&str, &str, usize); 2] =
     [("mpe-simple-tag", "prey", 12), ("mpe-simple-adversary", "adversary", 0)];
 
@@ -55,10 +54,10 @@ struct Summary {
     error: f64,
 }
 
-/// Plays the script, in the same starts against everybody.
+/// Plays the script, from the same starts against every opponent.
 fn play(task: &Task, aim: usize) -> Summary {
     let mut world = task.make();
-    // Apart, so that an opponent who draws does not change the starts.
+    // Two generators, so that a random opponent does not change the starts.
     let (mut starts, mut chance) = (ChaCha8Rng::seed_from_u64(2024), ChaCha8Rng::seed_from_u64(7));
     let (mut sum, mut squares) = (0.0, 0.0);
     for _ in 0..EPISODES {
@@ -91,7 +90,7 @@ fn episode(world: &mut dyn World, aim: usize, rng: &mut ChaCha8Rng) -> f64 {
     }
 }
 
-/// Along the axis on which the way is longer.
+/// Along the axis of the larger distance.
 fn towards(dx: f32, dy: f32) -> u16 {
     if dx.abs().max(dy.abs()) < NEAR {
         0

@@ -18,7 +18,7 @@ const TASKS: [&str; 7] = [
 ];
 /// Per task and measurement.
 const TIME: Duration = Duration::from_millis(300);
-/// Steps between two looks at the clock.
+/// Steps between two readings of the clock.
 const BATCH: u32 = 10_000;
 
 fn main() {
@@ -36,7 +36,7 @@ fn steps_per_second(name: &str, observing: bool) -> f64 {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut rewards = vec![0.0; sizes.agents];
     let mut seen: Vec<Vec<f32>> = sizes.obs_size.iter().map(|&size| vec![0.0; size]).collect();
-    // Drawn beforehand: the world is measured, not the choice of actions.
+    // Drawn beforehand, because only the world is measured.
     let n_actions = sizes.n_actions.iter().cycle();
     let n_actions = n_actions.take(BATCH as usize * sizes.agents);
     let actions: Vec<u16> = n_actions.map(|&n| (rng.next_u32() % n as u32) as u16).collect();
@@ -67,7 +67,7 @@ fn resets_per_second(name: &str) -> f64 {
     })
 }
 
-/// How often per second something happens that happens [`BATCH`] times in one call of `batch`.
+/// Events per second, where one call of `batch` makes [`BATCH`] of them.
 fn rate(mut batch: impl FnMut()) -> f64 {
     let start = Instant::now();
     let mut batches = 0.0;

@@ -1,4 +1,4 @@
-//! What every world keeps to, checked for one world. For tests: a broken promise is a panic that says which.
+//! Checks that a world keeps the contract of [`World`]. For tests: a violation is a panic that names it.
 
 use rand::RngCore;
 
@@ -6,23 +6,22 @@ use crate::draw::below;
 use crate::scene::{Scene, Shape};
 use crate::{End, Sizes, World};
 
-/// Of random play.
+/// Steps of random play.
 const STEPS: u32 = 10_000;
-/// Seeds from which an episode is played twice.
+/// Number of seeds whose episode is played twice.
 const TWICE: u64 = 10;
 
-/// Checks that a world keeps to what [`World`] promises, by playing random actions in it: that its sizes agree
-/// with each other, that every place of an observation is written, that episodes end by the step limit and depend
-/// on nothing but their chance, that actions which do not exist are alike, that copies are alike, and that
-/// it can be drawn.
+/// Checks that a world keeps the contract of [`World`], by playing random actions: its sizes agree with each other,
+/// observations are written in full, episodes end within the step limit and depend on nothing but their generator,
+/// all actions that do not exist have the same effect, copies are alike, and the world can be drawn.
 ///
 /// `world` is as its family makes it, never reset; `seeded` makes a generator from a seed.
 ///
 /// # Panics
-/// If the world breaks one of these promises.
+/// If the world violates one of these.
 pub fn check<R: RngCore>(world: &dyn World, seeded: impl Fn(u64) -> R) {
     sizes_agree(world.sizes());
-    // Chance of the world, then of the actions.
+    // The generator of the world, then that of the actions.
     let generators = |seed: u64| (seeded(seed), seeded(!seed));
 
     let mut used = world.copy();
@@ -38,7 +37,7 @@ pub fn check<R: RngCore>(world: &dyn World, seeded: impl Fn(u64) -> R) {
     let episode = |world: &mut dyn World, seed, ahead| {
         let (mut chance, mut policy) = generators(seed);
         world.reset(&mut chance);
-        // With the next number of the chance: as much of it was used.
+        // With the next number of the generator, to compare how much was drawn.
         (play(world, 0, u32::MAX, ahead, &mut chance, &mut policy), chance.next_u64())
     };
     for seed in 1..=TWICE {
@@ -82,7 +81,7 @@ pub fn check<R: RngCore>(world: &dyn World, seeded: impl Fn(u64) -> R) {
     }
 }
 
-/// What came out of steps of random available actions.
+/// The record of steps with random available actions.
 #[derive(Debug, PartialEq)]
 struct Played {
     observations: Vec<u32>,
@@ -101,8 +100,8 @@ fn sizes_agree(sizes: &Sizes) {
     }
 }
 
-/// Plays on in an episode of which `before` steps are over, until it ends or for `most` steps; the world may think
-/// ahead `ahead` times before each.
+/// Continues an episode after `before` steps, until it ends or for `most` steps. Calls `think_ahead` `ahead` times
+/// before each.
 fn play(
     world: &mut dyn World,
     before: u32,
@@ -117,7 +116,7 @@ fn play(
     loop {
         played.observations.extend(everybodys_view(world));
         for (agent, action) in actions.iter_mut().enumerate() {
-            // What a world does not write stays a 7 and is noticed.
+            // Places that the world does not write keep the 7 and are noticed.
             let mut mask = vec![7; n_actions[agent]];
             world.available(agent, &mut mask);
             assert!(
@@ -150,11 +149,11 @@ fn play(
     }
 }
 
-/// The bits of what all agents see.
+/// The bits of all agents' observations.
 fn everybodys_view(world: &dyn World) -> Vec<u32> {
     let mut view = Vec::new();
     for (agent, &size) in world.sizes().obs_size.iter().enumerate() {
-        // What a world does not write stays infinite and is noticed.
+        // Places that the world does not write stay infinite and are noticed.
         let mut seen = vec![f32::INFINITY; size];
         world.observe(agent, &mut seen);
         assert!(

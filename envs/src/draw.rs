@@ -1,12 +1,12 @@
-//! Uniform integers. Written out here, so that the episodes of a seed do not change with a library's version.
+//! Uniform integers. Our own code, so that the episodes of a seed do not change with a library's version.
 
 use rand::RngCore;
 
-/// A number from `0..n`, every one equally likely (multiply and reject, Lemire 2019). `n` is at least 1.
+/// A uniform number from `0..n` (multiply and reject, Lemire 2019). `n` is at least 1.
 pub fn below(rng: &mut dyn RngCore, n: u32) -> u32 {
     let mut wide = u64::from(rng.next_u32()) * u64::from(n);
     if (wide as u32) < n {
-        // The lowest 2^32 mod n remainders would be hit once too often.
+        // The lowest 2^32 mod n remainders would occur once too often.
         let surplus = n.wrapping_neg() % n;
         while (wide as u32) < surplus {
             wide = u64::from(rng.next_u32()) * u64::from(n);
@@ -15,7 +15,7 @@ pub fn below(rng: &mut dyn RngCore, n: u32) -> u32 {
     (wide >> 32) as u32
 }
 
-/// A number from `low..=high`, every one equally likely.
+/// A uniform number from `low..=high`.
 pub fn between(rng: &mut dyn RngCore, low: u16, high: u16) -> u16 {
     debug_assert!(low <= high);
     low + below(rng, u32::from(high - low) + 1) as u16
@@ -25,7 +25,7 @@ pub fn between(rng: &mut dyn RngCore, low: u16, high: u16) -> u16 {
 mod tests {
     use super::*;
 
-    /// Hands out the listed words in order.
+    /// Returns the listed words in order.
     struct Words(Vec<u32>);
 
     impl RngCore for Words {

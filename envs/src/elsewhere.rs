@@ -1,11 +1,11 @@
-//! Names of worlds that other packages have and Rondo does not, so that they are refused as what they are and not
-//! as a misspelling. Particle worlds that are missing are in `mpe/missing.rs`.
+//! Names of other packages' worlds that Rondo does not have, so that the error names them instead of suggesting a
+//! similar name. Missing particle worlds are in `mpe/missing.rs`.
 
 /// Worlds of one package, or of several under the same names.
 struct Package {
-    /// What a name is there, for messages: "a map of SMAC".
+    /// Kind of the names, for messages: "a map of SMAC".
     kind: &'static str,
-    /// What names begin with, in the form of [`plain`].
+    /// Prefixes of names, in the form of [`plain`].
     prefixes: &'static [&'static str],
     /// Whole names, in the form of [`plain`].
     names: &'static [&'static str],
@@ -171,7 +171,7 @@ static PACKAGES: [Package; 8] = [
     Package { kind: "a matrix game or a task of VMAS", prefixes: &["matrixgames", "vmas"], names: &[] },
 ];
 
-/// For a name of another package's world: what it is.
+/// The reason for refusing a name of another package's world.
 pub(crate) fn why_not_here(name: &str) -> Option<String> {
     let name = plain(name);
     let is_of = |package: &&Package| {

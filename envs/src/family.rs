@@ -1,20 +1,20 @@
-//! The families of worlds: what [`crate::task`] knows of each of them.
+//! The families of worlds, as [`crate::task`] uses them.
 
 use crate::{lbf, mpe, rware, Opponent, World};
 
-/// All families. A new one is added by its line here.
+/// All families. A new family is added here.
 pub static FAMILIES: [&Family; 3] = [&lbf::FAMILY, &rware::FAMILY, &mpe::FAMILY];
 
 /// A family of tasks that share a world and a form of names.
 #[derive(Debug)]
 pub struct Family {
-    /// As canonical names begin: `lbf`.
+    /// Prefix of canonical names: `lbf`.
     pub name: &'static str,
     /// For people: `Level-based foraging`.
     pub title: &'static str,
-    /// What happens in these worlds, what agents see and do and are rewarded for; some sentences.
+    /// Some sentences: what happens in these worlds, what agents see and do, and their rewards.
     pub about: &'static str,
-    /// Canonical names worth listing; the first is a good one to begin with.
+    /// Canonical names to list; the first is a good start.
     pub tasks: &'static [&'static str],
     /// The form of names, for messages.
     pub form: &'static str,
@@ -22,39 +22,39 @@ pub struct Family {
     pub rules: &'static [&'static str],
     /// The version that the multi-timescale paper played.
     pub paper_rules: &'static str,
-    /// Understands a name, in any case of letters; `None` where it is of another family.
+    /// Makes a task from a name, in any case; `None` if the name is of another family.
     pub make: fn(&Request) -> Option<Result<Made, Refusal>>,
 }
 
-/// A task that somebody asks for.
+/// A requested task.
 #[derive(Debug, Clone)]
 pub struct Request<'a> {
     pub name: &'a str,
-    /// Another version of the rules than the name says.
+    /// A version of the rules that replaces the one in the name.
     pub rules: Option<&'a str>,
     pub opponent: &'a Opponent,
 }
 
-/// What a family makes of a request.
+/// A task that a family has made.
 pub struct Made {
-    /// The one name that is printed for this task, its rules included.
+    /// The canonical name of this task, its rules included.
     pub name: String,
     /// One of [`Family::rules`].
     pub rules: &'static str,
     /// The package and release whose rules these are.
     pub source: &'static str,
-    /// Never reset; to be copied.
+    /// A world that has not been reset; to be copied.
     pub world: Box<dyn World>,
 }
 
-/// Why a family cannot make what was asked for, though the name is of its form.
+/// Why a family cannot make a task whose name has its form.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Refusal {
-    /// Something in the name means nothing.
+    /// A part of the name has no meaning.
     Name(String),
-    /// The name has a meaning, and that world cannot exist.
+    /// The world of this name cannot exist.
     Impossible(String),
-    /// The name means a world of another package that is not here.
+    /// The name is that of another package's world, which Rondo does not have.
     Missing(String),
     /// There is no such version of the rules.
     Rules(String),

@@ -13,8 +13,8 @@
 //! # Ok::<(), envs::UnknownTask>(())
 //! ```
 
-// A world is written with the paths that its users write, `envs::World`, also inside this crate: so the world of
-// docs/add-a-world.md is the same text there, as a doctest and as a file in this folder.
+// A world may use the paths of its users, `envs::World`, inside this crate too. So the world of docs/add-a-world.md is
+// the same text as a doctest and as a file in this folder.
 extern crate self as envs;
 
 mod elsewhere;
@@ -38,7 +38,7 @@ pub use opponent::Opponent;
 pub use task::{task, tasks, Task, TaskInfo, UnknownTask};
 pub use world::{End, Sizes, World};
 
-/// The guide's world is compiled, and its tests run, as it stands in the text.
+/// Compiles the world of the guide and runs its tests.
 #[cfg(doctest)]
 #[doc = include_str!("../../docs/add-a-world.md")]
 struct AddAWorld;

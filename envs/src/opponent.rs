@@ -1,18 +1,18 @@
-//! Who plays the agents that nobody in the team controls.
+//! The policy of an agent that is not part of the team.
 
 use std::sync::Arc;
 
-/// The policy of a task's opponent. Only tasks that have one take another than [`Opponent::Builtin`].
+/// The policy of a task's opponent. Tasks without an opponent accept [`Opponent::Builtin`] only.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum Opponent {
-    /// The frozen network that comes with the task, where it needs one.
+    /// The built-in frozen network, if the task needs one.
     #[default]
     Builtin,
     /// A uniformly random action in every step.
     Random,
-    /// It never does anything.
+    /// Always the action that does nothing.
     Still,
-    /// The bytes of a safetensors file with a frozen network, of the form that [`crate::mpe::FrozenNetwork`]
-    /// describes. Its scores mean: nothing, +x, -x, +y, -y; the world translates.
+    /// The bytes of a safetensors file with a frozen network, in the form of [`crate::mpe::FrozenNetwork`]. Its scores
+    /// mean: nothing, +x, -x, +y, -y; the world translates them.
     Weights(Arc<[u8]>),
 }

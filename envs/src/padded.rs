@@ -1,11 +1,11 @@
-//! A world whose agents differ, made to look as if they were alike.
+//! A wrapper that gives all agents of a world the same sizes.
 
 use rand::RngCore;
 
 use crate::scene::Scene;
 use crate::{End, Sizes, World};
 
-/// Whether the agents of a world differ in what they see or can do.
+/// Whether the agents of a world differ in their sizes.
 pub(crate) fn needs_padding(sizes: &Sizes) -> bool {
     let differ = |sizes: &[usize]| sizes.iter().any(|&size| size != sizes[0]);
     differ(&sizes.obs_size) || differ(&sizes.n_actions)
@@ -40,11 +40,11 @@ impl World for Padded {
         self.world.reset(rng);
     }
 
-    /// A padded action is one that does not exist for its agent, so the world treats it as doing nothing.
     fn think_ahead(&mut self) {
         self.world.think_ahead();
     }
 
+    /// A padding action does not exist for its agent, so the world treats it as doing nothing.
     fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End {
         self.world.step(actions, rng, rewards)
     }

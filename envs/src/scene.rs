@@ -1,4 +1,4 @@
-//! What a world looks like, as flat coloured shapes: worlds describe themselves, others draw.
+//! The picture of a world as flat coloured shapes. Worlds describe it; `monitor` draws it.
 
 /// A picture in the world's own units: x to the right, y **downwards**, the upper left corner at (0, 0). Shapes
 /// are painted in order, later ones over earlier ones.
@@ -8,7 +8,7 @@ pub struct Scene {
     pub height: f64,
     pub background: Colour,
     pub shapes: Vec<Shape>,
-    /// What cannot be seen in the picture, in a few words: messages, goals, what was delivered so far.
+    /// In a few words, what the picture does not show: messages, goals, deliveries so far.
     pub caption: String,
 }
 
@@ -59,7 +59,7 @@ impl Colour {
     pub const INK: Colour = Colour(40, 44, 52);
     pub const WHITE: Colour = Colour(255, 255, 255);
 
-    /// Colours for agents by number, told apart also by most who confuse red and green; they repeat after eight.
+    /// Colours for agents by number, also for most people with red-green colour blindness; they repeat after eight.
     pub fn of_agent(agent: usize) -> Colour {
         const AGENTS: [Colour; 8] = [
             Colour(0, 114, 178),

@@ -1,4 +1,4 @@
-//! Tasks by name: which exist, what a name means, and what to say about a name that means nothing.
+//! Tasks by name: the list of them, the meaning of a name, and the error for an unknown name.
 
 use std::fmt;
 
@@ -7,7 +7,7 @@ use crate::family::{Family, Made, Refusal, Request, FAMILIES};
 use crate::padded::{needs_padding, Padded};
 use crate::{Opponent, Sizes, World};
 
-/// A kind of world with all of its numbers. Made by [`task`], so it can always be played.
+/// A world with all of its parameters. [`task`] makes it, so it can always be played.
 pub struct Task {
     family: &'static Family,
     name: String,
@@ -15,7 +15,7 @@ pub struct Task {
     source: &'static str,
     opponent: Opponent,
     padded: bool,
-    /// A world that was never reset: `make` copies it.
+    /// A world that has not been reset; `make` copies it.
     world: Box<dyn World>,
 }
 
@@ -29,7 +29,7 @@ pub struct TaskInfo {
     pub family: &'static Family,
 }
 
-/// A name that is no task, or not one that can be played.
+/// The name is not a task, or not one that can be played.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum UnknownTask {
     #[error("there is no task `{name}`; the nearest known one is `{nearest}`")]
@@ -46,12 +46,12 @@ pub enum UnknownTask {
     Opponent { name: String, why: String },
 }
 
-/// The task of that name. Spellings of the reference packages are understood, in any case of letters.
+/// The task of that name. Spellings of the reference packages are accepted, in any case.
 pub fn task(name: &str) -> Result<Task, UnknownTask> {
     Task::made(&Request { name, rules: None, opponent: &Opponent::Builtin })
 }
 
-/// The tasks worth listing. Families have more: see [`Family::form`].
+/// The listed tasks. Families have more: see [`Family::form`].
 pub fn tasks() -> Vec<TaskInfo> {
     let info = |family: &'static Family, name: &'static str| {
         let task = task(name).expect("a test makes every listed task");
@@ -62,7 +62,7 @@ pub fn tasks() -> Vec<TaskInfo> {
 
 fn nearest(name: &str) -> &'static str {
     let name = name.to_ascii_lowercase();
-    // Favours a common beginning: the family and the size of the world come first in a name.
+    // Prefers a common prefix: the family and the size of the world come first in a name.
     let likeness = |known: &str| strsim::jaro_winkler(known, &name);
     let more_alike = |a: &&str, b: &&str| likeness(a).total_cmp(&likeness(b));
     let known = FAMILIES.iter().flat_map(|family| family.tasks).copied();
@@ -92,7 +92,7 @@ impl Task {
         Ok(Task { family, name, rules, source, opponent: request.opponent.clone(), padded: false, world })
     }
 
-    /// The canonical name: equal for all spellings of one task.
+    /// The canonical name, the same for all spellings of one task.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -122,20 +122,19 @@ impl Task {
         Task::made(&request).map(|task| task.padded_if(self.padded))
     }
 
-    /// The same task with somebody else in the role that the team does not control.
+    /// The same task with another opponent.
     pub fn with_opponent(&self, opponent: &Opponent) -> Result<Task, UnknownTask> {
         let request = Request { name: &self.name, rules: None, opponent };
         Task::made(&request).map(|task| task.padded_if(self.padded))
     }
 
-    /// The same task, whose agents all see as many numbers and have as many actions as the one that has most:
-    /// zeros follow what an agent really sees, and the actions that it does not have are never available. A team
-    /// whose agents are alike anyway stays as it is.
+    /// The same task, padded: all agents get the sizes of the largest one (algorithms §2.4). Zeros follow an agent's
+    /// own observation, and padding actions are never available. A team with equal sizes stays as it is.
     pub fn padded(&self) -> Task {
         self.clone().padded_if(true)
     }
 
-    /// Whether there is padding.
+    /// Whether the task is padded.
     pub fn is_padded(&self) -> bool {
         self.padded
     }
@@ -151,7 +150,7 @@ impl Task {
         self.world.sizes()
     }
 
-    /// A new world of this task. Reset it before anything else.
+    /// A new world of this task. Reset it before use.
     pub fn make(&self) -> Box<dyn World> {
         self.world.copy()
     }

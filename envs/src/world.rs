@@ -1,4 +1,4 @@
-//! What every world offers. Agents are numbered from 0 and may differ in what they see and can do.
+//! The interface of every world. Agents are numbered from 0 and may differ in observation size and actions.
 
 use rand::RngCore;
 
@@ -6,39 +6,39 @@ use crate::scene::Scene;
 
 /// One simulated world with a fixed number of agents.
 ///
-/// Slices must have the lengths that [`World::sizes`] names; other lengths are a mistake in the calling code
-/// and panic. Contents may come from anywhere: an action that does not exist counts as doing nothing.
+/// Slices must have the lengths of [`World::sizes`]; other lengths are a bug of the caller and panic. Contents are not
+/// trusted: an action that does not exist counts as doing nothing.
 pub trait World: Send {
-    /// Numbers that stay the same for the life of the world.
+    /// The sizes, which never change.
     fn sizes(&self) -> &Sizes;
 
-    /// What a user should know before a team learns here, where the world is not all that its name promises.
+    /// A warning for the user, if the world differs from what its name says.
     fn warning(&self) -> Option<String> {
         None
     }
 
-    /// Starts a new episode. All of its start comes from `rng`; nothing is left of the episode before.
+    /// Starts a new episode. Its start depends on `rng` only, not on the episode before.
     fn reset(&mut self, rng: &mut dyn RngCore);
 
-    /// Does whatever part of the next step does not depend on the team's actions. Changes nothing but the time at
-    /// which it is done, and may be left out: a host calls it while the team decides.
+    /// Optional: precomputes the part of the next step that does not depend on the team's actions. Results do not
+    /// change. The env-server calls it while the agents choose their actions.
     fn think_ahead(&mut self) {}
 
     /// Plays one joint action (`actions[agent]`) and writes each agent's own reward of this step into
     /// `rewards[agent]`. Worlds without randomness inside a step leave `rng` untouched.
     fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End;
 
-    /// Writes what `agent` sees now; `out` has `sizes().obs_size[agent]` places and all are written.
+    /// Writes the observation of `agent`; `out` has `sizes().obs_size[agent]` places and all are written.
     fn observe(&self, agent: usize, out: &mut [f32]);
 
-    /// Writes 1 for each action that `agent` may choose now, 0 for the others; `out` has
-    /// `sizes().n_actions[agent]` places. Most worlds have no masks: everything may be chosen.
+    /// Writes 1 for each available action of `agent`, 0 for the others; `out` has `sizes().n_actions[agent]` places. By
+    /// default all actions are available.
     fn available(&self, agent: usize, out: &mut [u8]) {
         debug_assert!(agent < self.sizes().agents);
         out.fill(1);
     }
 
-    /// The world as it is now, for a picture.
+    /// The picture of the present state.
     fn scene(&self) -> Scene;
 
     /// A second world in the same state.
@@ -61,8 +61,8 @@ pub struct Sizes {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
     Running,
-    /// The world itself came to an end, be it in the last allowed step.
+    /// The world itself ended the episode, possibly in the last allowed step.
     Terminated,
-    /// Only the step limit ended the episode.
+    /// The step limit ended the episode.
     TimeLimit,
 }

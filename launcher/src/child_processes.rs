@@ -1,4 +1,4 @@
-//! Each role as a child process of this one: this same program, called with the role's name.
+//! Each role as a child process of this one: the same program, started with the role's name.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -22,25 +22,25 @@ use tempfile::TempDir;
 use crate::drive::Options;
 use crate::roles::{listen, Ended, News, Roles, Transport};
 
-/// How many of a child's last lines are worth telling.
+/// Lines of stderr kept for the error message.
 const LAST_WORDS: usize = 8;
 
-/// How the line begins with which a child reports why it ends ([`process::report`]).
+/// Prefix of the line in which a child reports why it ends ([`process::report`]).
 const REPORT: &str = "error: ";
 
-/// A child that was asked to leave and does not is killed after this time.
+/// A child that does not leave on request is killed after this time.
 const PATIENCE: Duration = Duration::from_millis(1500);
 
-/// Between two looks at children that are about to listen or to end.
+/// Pause between two checks of children that are about to listen or to end.
 const LOOK_AGAIN: Duration = Duration::from_millis(5);
 
-/// Longest path of a Unix socket that the system takes, with room for the file's name.
+/// Longest folder of a Unix socket: the system limits the path, and the file's name needs room.
 const LONGEST_SOCKET_FOLDER: usize = 80;
 
 /// The children of this process.
 pub struct ChildProcesses {
     children: Vec<RunningChild>,
-    /// Hears the scalars for as long as it is kept.
+    /// Receives the scalars while it exists.
     _monitor: Arc<dyn bus::Bus>,
     _sockets: Option<TempDir>,
     stops: u32,
@@ -48,7 +48,7 @@ pub struct ChildProcesses {
 
 struct RunningChild {
     pid: Pid,
-    /// Closed when this process ends, however it ends: the child then saves and leaves.
+    /// Closed when this process ends for any reason; the child then saves and leaves.
     stdin: ChildStdin,
     ended: Arc<Mutex<bool>>,
 }
@@ -60,7 +60,7 @@ impl RunningChild {
 }
 
 impl ChildProcesses {
-    /// Starts env-server and coordinator, then, when these can be dialled, the agents.
+    /// Starts env-server and coordinator, then, when they listen, the agents.
     ///
     /// # Errors
     /// If a child cannot be started or ends before it can be dialled.
@@ -106,7 +106,7 @@ impl ChildProcesses {
             match endpoints.recv_timeout(LOOK_AGAIN) {
                 Ok(endpoint) => dial.push(format!("--connect={endpoint}")),
                 Err(RecvTimeoutError::Timeout) if !roles.children.iter().any(RunningChild::has_ended) => {}
-                // A child has ended before it could be dialled; its own message says why.
+                // A child has ended before it listened; its own message names the reason.
                 Err(_) => return Ok(roles),
             }
         }
@@ -138,7 +138,7 @@ impl ChildProcesses {
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
-            // Ctrl-C in a terminal reaches this process alone, which then tells the env-server.
+            // Ctrl-C in a terminal reaches this process only, which then signals the env-server.
             .process_group(0)
             .spawn()
             .map_err(failed)?;
@@ -157,21 +157,21 @@ impl ChildProcesses {
         Ok(())
     }
 
-    /// Asks every child to save its last complete round and leave. Not by a second SIGTERM, which soon after the
-    /// first would count as the same request.
+    /// Requests every child to save its last complete round and leave. Not with a second SIGTERM, which counts as the
+    /// same request soon after the first.
     fn leave_now(&mut self) {
         for child in &mut self.children {
-            // One that has ended does not read any more.
+            // It may have ended.
             let _ = child.stdin.write_all(LEAVE_NOW);
         }
     }
 
     fn signal(&self, which: impl Iterator<Item = usize>, signal: Signal) {
         for child in which.filter_map(|index| self.children.get(index)) {
-            // Held while sending: a child that has not been waited for keeps its process id.
+            // Held while sending: a child keeps its process id until it has been waited for.
             let ended = child.ended.lock().unwrap_or_else(PoisonError::into_inner);
             if !*ended {
-                // It may have ended by itself in this moment.
+                // It may have just ended.
                 let _ = kill(child.pid, signal);
             }
         }
@@ -194,14 +194,14 @@ fn socket_folder(folder: &RunFolder) -> Result<(PathBuf, Option<TempDir>), Failu
 fn tell_endpoints(stdout: impl Read, listening: Option<Sender<String>>) {
     for line in BufReader::new(stdout).lines().map_while(Result::ok) {
         if let (Some(endpoint), Some(listening)) = (line.strip_prefix(LISTENING), &listening) {
-            // The launcher stops listening when it has what it needs.
+            // The receiver is dropped when it has all endpoints.
             let _ = listening.send(endpoint.trim().to_owned());
         }
     }
 }
 
-/// Waits for a child to end. Passes on what it says meanwhile, and keeps its last words: from the line on
-/// with which it reports why it ends, or the last few of a child that was given no time for that.
+/// Waits for a child to end. Passes on its lines, and keeps the last ones for the error message: from the line in
+/// which it reports why it ends, or the last few of a child that was killed.
 fn outlive(
     child: &mut Child,
     name: &str,
@@ -216,7 +216,7 @@ fn outlive(
                 last_words.clear();
             }
             if !reports {
-                // Nobody listens any more only when the run is abandoned.
+                // The receiver is gone only if the run is abandoned.
                 let _ = news.send(News::Said { role: name.to_owned(), line: line.clone() });
             }
             last_words.push_back(line);
@@ -249,7 +249,7 @@ fn verdict(status: ExitStatus, reports: bool, last_words: &VecDeque<String>) -> 
     let words = words.join("\n");
     match (status.code(), status.signal()) {
         (Some(0), _) => Ok(Ended::Finished),
-        // Asked to stop, and did.
+        // It has stopped on request.
         (Some(code), _) if code == i32::from(exit::AGAIN) && !reports => Ok(Ended::Stopped),
         (Some(code), _) => {
             let words = words.strip_prefix(REPORT).unwrap_or(&words);
@@ -261,7 +261,7 @@ fn verdict(status: ExitStatus, reports: bool, last_words: &VecDeque<String>) -> 
         }
         (None, signal) => {
             let signal = signal.and_then(|s| Signal::try_from(s).ok()).map_or("a signal", Signal::as_str);
-            let words = if words.is_empty() { String::new() } else { format!("; its last words:\n{words}") };
+            let words = if words.is_empty() { String::new() } else { format!("; its last lines:\n{words}") };
             Err(Failure::new(exit::AGAIN, format!("was ended by {signal}{words}")))
         }
     }

@@ -7,15 +7,15 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use proto::config::Config;
 use proto::control::Metrics;
 
-/// Between plain lines, when there is no new test result.
+/// Time between plain lines without a new test result.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
-/// A terminal with fewer columns gets the progress alone: the rest would take more rows than it leaves.
+/// A terminal with fewer columns shows the progress only: the rest would take too many rows.
 const NARROW: usize = 60;
-/// Scalars of an agent that have a place of their own.
+/// Scalars of an agent that are shown in a separate part.
 const SHOWN_APART: [&str; 2] = ["fast_agent", "lr"];
 
-/// How much to show while a run goes on.
+/// What to show during a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Show {
     /// A live display on a terminal that can be drawn on, plain lines elsewhere.
@@ -25,13 +25,13 @@ pub enum Show {
     Nothing,
 }
 
-/// The state of a run as far as it can be seen.
+/// The state of a run, from its published scalars.
 pub struct Display {
     t_max: u64,
     algo: String,
     rates: Vec<f64>,
     start: Instant,
-    /// Environment steps when this process began to look, for the rate.
+    /// Environment steps at the first message, for the rate.
     first: Option<(u64, Instant)>,
     t_env: u64,
     test_return_mean: Option<f64>,
@@ -46,7 +46,7 @@ impl Display {
     /// For a run with this configuration.
     pub fn new(config: &Config, show: Show) -> Self {
         let bar = (show == Show::Best).then(|| {
-            // Hidden where nothing can be drawn: stderr is no terminal, or TERM is `dumb` or not set.
+            // Hidden if nothing can be drawn: stderr is not a terminal, or TERM is `dumb` or not set.
             let bar =
                 ProgressBar::with_draw_target(Some(config.t_max), ProgressDrawTarget::stderr_with_hz(8));
             let template = match columns() {
@@ -59,7 +59,7 @@ impl Display {
             bar.set_prefix(format!("{} · {} · seed {}", config.world.task, config.algo.name, config.seed));
             bar
         });
-        // Nothing shows through a hidden bar, so lines take its place.
+        // A hidden bar shows nothing, so lines replace it.
         let bar = bar.filter(|bar| !bar.is_hidden());
         Self {
             t_max: config.t_max,
@@ -77,7 +77,7 @@ impl Display {
         }
     }
 
-    /// Takes in scalars of the env-server (no agent) or of one agent.
+    /// Adds scalars of the env-server (no agent) or of one agent.
     pub fn hear(&mut self, agent: Option<u32>, metrics: &Metrics) {
         let mut new_test = false;
         match agent {
@@ -118,7 +118,7 @@ impl Display {
         }
     }
 
-    /// A line for the person who watches.
+    /// Prints a line for the user.
     pub fn say(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.println(text),
@@ -126,14 +126,14 @@ impl Display {
         }
     }
 
-    /// Takes the live display away.
+    /// Removes the live display.
     pub fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
     }
 
-    /// For the live display: as much as the terminal has room for.
+    /// The text of the live display, as much as the terminal has room for.
     fn drawn(&self) -> String {
         let (columns, mut parts) = (columns(), self.parts());
         if columns < NARROW {
@@ -142,7 +142,7 @@ impl Display {
         wrapped(&parts, columns)
     }
 
-    /// What there is to show: [`PROGRESS`] parts about the progress, then what the learners publish.
+    /// The parts to show: [`PROGRESS`] parts about the progress, then the learners' scalars.
     fn parts(&self) -> Vec<String> {
         let rate = self.first.map_or(0.0, |(t, since)| {
             (self.t_env - t.min(self.t_env)) as f64 / since.elapsed().as_secs_f64().max(1e-3)
@@ -170,7 +170,7 @@ impl Display {
         parts
     }
 
-    /// Every scalar that the learners publish, whatever they are, with its mean over the agents.
+    /// Every scalar that the learners publish, with its mean over the agents.
     fn learned(&self) -> impl Iterator<Item = (&str, f64)> {
         let mut names: Vec<&str> = Vec::new();
         for (name, _) in self.scalars.iter().flatten().flat_map(|metrics| &metrics.scalars) {
@@ -185,16 +185,16 @@ impl Display {
     }
 }
 
-/// How many of the parts are about the progress.
+/// Number of parts about the progress.
 const PROGRESS: usize = 5;
 const SEPARATOR: &str = " · ";
 
-/// Letters on a line of the terminal.
+/// Columns of the terminal.
 fn columns() -> usize {
     usize::from(Term::stderr().size().1)
 }
 
-/// Parts on lines of no more than `columns` letters; one that is longer has a line for itself.
+/// Parts on lines of at most `columns` letters; a longer part has a separate line.
 fn wrapped(parts: &[String], columns: usize) -> String {
     let (mut text, mut used) = (String::new(), 0);
     for part in parts {

@@ -1,4 +1,4 @@
-//! One run from its start to its summary, in processes or in one.
+//! One run from its start to its summary, in several processes or in one.
 
 use std::path::Path;
 use std::sync::mpsc::{channel, Receiver, RecvTimeoutError};
@@ -19,36 +19,36 @@ use crate::one_at_a_time;
 use crate::roles::{Ended, News, Roles, Transport};
 use crate::summary::{self, Summary};
 
-/// Where the roles run.
+/// How the roles run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// Each in a process of its own, on this kind of link.
+    /// As separate processes, on this kind of link.
     Processes(Transport),
-    /// All as threads of this process, on a bus in memory.
+    /// As threads of this process, on a bus in memory.
     InProcess,
 }
 
-/// How to show and run it.
+/// Options of a run.
 #[derive(Debug, Clone, Copy)]
 pub struct Options {
     pub place: Place,
-    /// Where agents compute.
+    /// The agents' device.
     pub device: DeviceName,
     /// How long roles wait for each other.
     pub wait: Duration,
     pub show: Show,
-    /// Start from the beginning where not every role holds a checkpoint of the same round; the old state is set aside.
+    /// Start from the beginning if no round is held by every role; the old state is set aside.
     pub start_over: bool,
     /// A sweep started this run and holds the other end of stdin.
     pub with_launcher: bool,
-    /// How many teams train on this machine at the same time, this one included.
+    /// Number of teams that train on this machine at the same time, with this one.
     pub teams: u32,
 }
 
-/// After one role has failed the others get this long to save and leave.
+/// After the failure of one role, the others get this long to save and leave.
 const AFTER_FAILURE: Duration = Duration::from_millis(1500);
 
-/// Runs (or goes on with) the run in `folder`.
+/// Runs or resumes the run in `folder`.
 ///
 /// # Errors
 /// The first failure of a role.
@@ -56,7 +56,7 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     let _held = one_at_a_time::hold(folder.path())?;
     let (sender, news) = channel();
     let requests = sender.clone();
-    // Nobody receives any more only when the run has ended.
+    // The receiver is gone only if the run has ended.
     process::on_stop_request(move |request| drop(requests.send(News::StopRequest(request))))?;
     if options.with_launcher {
         let requests = sender.clone();
@@ -86,8 +86,8 @@ pub fn drive(folder: &RunFolder, config: &Config, options: Options) -> Result<(E
     Ok((ended, summary))
 }
 
-/// Threads for the update calls of each of `agents` agents, 1 or 2, so that the last is done soonest: the halves of
-/// an update call, actor and critic, are learned at once only where whole ones would leave processors idle.
+/// Threads for the update calls of each of `agents` agents, 1 or 2, so that the last agent is done soonest. Actor and
+/// critic learn in parallel only if processors would be idle otherwise.
 fn threads_to_learn(agents: usize, processors: usize) -> usize {
     let (halves_in_turn, wholes_in_turn) = ((2 * agents).div_ceil(processors), agents.div_ceil(processors));
     if halves_in_turn < 2 * wholes_in_turn {
@@ -97,7 +97,7 @@ fn threads_to_learn(agents: usize, processors: usize) -> usize {
     }
 }
 
-/// Follows the roles until all have ended.
+/// Receives news until all roles have ended.
 fn follow(
     roles: &mut dyn Roles,
     news: &Receiver<News>,
@@ -122,13 +122,14 @@ fn follow(
                     Ok(_) => {}
                     Err(failure) if failed.is_none() => {
                         let hint = if failure.code == exit::AGAIN {
-                            format!("\nhint: go on with `rondo resume {}`", path.display())
+                            format!("\nhint: continue with `rondo resume {}`", path.display())
                         } else {
                             String::new()
                         };
                         let failure = Failure::new(failure.code, format!("{role}: {failure}{hint}"));
                         failed = Some((failure, Instant::now() + AFTER_FAILURE));
-                        // The first asks for a round edge, which may never come; the second does not.
+                        // The first request waits for the end of the round, which may never come; the second does not
+                        // wait.
                         roles.stop();
                         roles.stop();
                     }

@@ -1,4 +1,4 @@
-//! `rondo eval`: how well a trained team plays.
+//! `rondo eval`: plays episodes with a trained team and reports its returns.
 
 use std::path::PathBuf;
 
@@ -11,28 +11,28 @@ use serde::Serialize;
 use crate::notes;
 use crate::team::Team;
 
-/// Where the result goes without `--json`, in the run folder.
+/// The result's file in the run folder, without `--json`.
 const FILE: &str = "evaluation.json";
 
 /// Options of commands that let a trained team play.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Playing {
-    /// All chance in the episodes follows from it
+    /// Random seed of the episodes
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Take the most probable actions instead of drawing them (Q-learning always takes the best)
+    /// Take the most probable actions instead of sampling (Q-learning always takes the best)
     #[arg(long, conflicts_with = "sample")]
     pub greedy: bool,
-    /// Draw actions from the policy, also where the run's own tests do not
+    /// Sample actions from the policy, even if the run's own tests do not
     #[arg(long)]
     pub sample: bool,
 }
 
 impl Playing {
-    /// Prepares a team; how it will act, in one word.
+    /// Applies the options to a team. Returns how it will act, in one word.
     ///
     /// # Errors
-    /// If the options mean nothing to its algorithm.
+    /// If its algorithm does not have these options.
     pub fn prepare(&self, team: &mut Team) -> Result<&'static str, Failure> {
         let name = team.config.algo.name;
         if name.learner() == Learner::Q {
@@ -75,12 +75,12 @@ struct Evaluation<'a> {
     episodes: usize,
     actions: &'static str,
     return_mean: f64,
-    /// Why these returns are not those of the published tables, where a reader could take them for it.
+    /// Why these returns do not compare with published tables, if a reader could compare them.
     #[serde(skip_serializing_if = "Option::is_none")]
     not_comparable: Option<String>,
     /// Divisor `k`, as in tests (algorithms §8.2).
     return_std: f64,
-    /// Sample standard deviation (divisor `k - 1`) over the root of `k`; none of a single episode.
+    /// Sample standard deviation (divisor `k - 1`) over the root of `k`; `None` for a single episode.
     return_stderr: Option<f64>,
     ep_length_mean: f64,
     /// Each agent's own.

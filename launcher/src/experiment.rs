@@ -1,4 +1,4 @@
-//! From the words on the command line to a complete configuration.
+//! From the command line to a complete configuration.
 
 use envs::{Opponent, Task};
 use process::Failure;
@@ -7,7 +7,7 @@ use proto::presets::{self, Family};
 use proto::{exit, Observe};
 use store::RunFolder;
 
-/// The task that `rondo train` takes when it is given none: small enough to watch it being learned.
+/// The default task of `rondo train`: learned in half a minute.
 pub const DEFAULT_TASK: &str = "lbf-5x5-2p-1f";
 
 /// Environment steps without `--paper` or `--t-max`: half a minute on two cores.
@@ -16,7 +16,7 @@ const DEFAULT_BUDGET: u64 = 200_000;
 /// Tests per run without `--test-interval`, besides the first.
 const DEFAULT_TESTS: u64 = 20;
 
-/// What to learn, how and for how long.
+/// The options that make a configuration.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Experiment {
     /// The task, for example lbf-8x8-2p-2f-coop; `rondo tasks` lists them
@@ -38,7 +38,7 @@ pub struct Experiment {
     /// Environment steps to train for
     #[arg(long, value_name = "N")]
     pub t_max: Option<u64>,
-    /// All chance in a run follows from it
+    /// Random seed
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Environment copies: episodes per update call of PPO; with Q-learning, episodes played side by side, with an
@@ -48,13 +48,13 @@ pub struct Experiment {
     /// Version of the world's rules; `rondo tasks TASK` lists them
     #[arg(long, value_name = "VERSION")]
     pub rules: Option<String>,
-    /// Who plays what the team does not control: builtin, random, still, or a file of weights
+    /// The opponent, in tasks that have one: builtin, random, still, or a file of weights
     #[arg(long, value_name = "WHO")]
     pub opponent: Option<String>,
-    /// What agents learn from: sum or mean of the team's rewards, or individual
+    /// Reward that agents learn from: sum or mean of the team's rewards, or individual
     #[arg(long, value_name = "REWARD", default_value = "sum")]
     pub reward: String,
-    /// Pad observations and actions to the largest of the team (`--pad=false` takes it back from `--paper`)
+    /// Pad observations and actions to the largest of the team (`--pad=false` overrides `--paper`)
     #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true", require_equals = true)]
     pub pad: Option<bool>,
     /// Environment steps between tests
@@ -76,7 +76,7 @@ pub struct Experiment {
 }
 
 impl Experiment {
-    /// What `rondo train TASK --algo ALGO` means.
+    /// The options of `rondo train TASK --algo ALGO`.
     pub fn of(task: &str, algo: &str) -> Self {
         Self {
             task: task.to_owned(),
@@ -102,7 +102,7 @@ impl Experiment {
     /// The validated configuration of a run with this name.
     ///
     /// # Errors
-    /// All that is wrong, in one message.
+    /// All mistakes, in one message.
     pub fn configure(&self, run: &str) -> Result<Config, Failure> {
         let usage = |error: &dyn std::fmt::Display| Failure::new(exit::CONFIG, error);
         let mut task = envs::task(&self.task).map_err(|e| usage(&e))?;
@@ -154,7 +154,7 @@ impl Experiment {
         Ok(config)
     }
 
-    /// The opponent and what the configuration calls it: a file is named by its digest.
+    /// The opponent and its name in the configuration: a file is named by its digest.
     fn opponent(&self) -> Result<Chosen, Failure> {
         let name = self.opponent.as_deref().unwrap_or("builtin");
         let policy = match name {
@@ -176,7 +176,7 @@ impl Experiment {
         Ok(Chosen { policy, name: name.to_owned() })
     }
 
-    /// Puts what a run needs beside its configuration into its new folder.
+    /// Copies the opponent's weights, if they come from a file, into the new run folder.
     ///
     /// # Errors
     /// If the opponent's weights cannot be read or written.
@@ -190,7 +190,7 @@ impl Experiment {
     fn choose_rates(&self, config: &mut Config, name: AlgoName) {
         let rates = &mut config.schedule.rates;
         match (name.timescales(), self.lr_fast, self.lr_slow) {
-            // One rate for all: either option says it.
+            // One rate for all: either option sets it.
             (Timescales::One, Some(lr), None) | (Timescales::One, None, Some(lr)) => rates.fill(lr),
             (_, fast, slow) => {
                 rates[0] = fast.unwrap_or(rates[0]);
@@ -213,7 +213,7 @@ fn named<T: std::str::FromStr>(text: &str, what: &str, known: &[&str]) -> Result
     text.parse().map_err(|_| unknown(text, what, known))
 }
 
-/// Somebody wrote a name that stands for nothing: which ones there are, and the nearest of them.
+/// Error for an unknown name: the known ones and the nearest.
 pub fn unknown(text: &str, what: &str, known: &[&str]) -> Failure {
     let nearest = proto::suggest::nearest(text, known.iter().copied());
     let hint = nearest.map_or(String::new(), |name| format!("; did you mean `{name}`?"));
@@ -235,7 +235,7 @@ pub fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure
         let (key, value) = setting.split_once('=').ok_or_else(|| bad("there is no `=`"))?;
         let value = format!("x = {value}").parse::<toml::Table>().ok().and_then(|mut t| t.remove("x"));
         let value = value.unwrap_or_else(|| toml::Value::String(setting[key.len() + 1..].to_owned()));
-        // Else a whole section would be made of this one key, and its others would be missing.
+        // Otherwise a new section with only this key would be made, and its other keys would be missing.
         for (section, other) in [("ppo", "q"), ("q", "ppo")] {
             if key.starts_with(&format!("{section}.")) && !table.contains_key(section) {
                 let text = format!(
@@ -255,7 +255,7 @@ pub fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure
         place.insert(last.to_owned(), value);
     }
     Config::from_toml(&table.to_string()).map_err(|error| match error {
-        // Nobody has seen that file, so its line numbers help nobody.
+        // The user has not seen this file, so line numbers do not help.
         ConfigError::UnknownKeys(keys) => {
             let keys = keys.iter().map(|key| key.split_once(": ").map_or(key.as_str(), |(_, what)| what));
             Failure::new(exit::CONFIG, format!("`--set`: {}", keys.collect::<Vec<_>>().join("; ")))
@@ -264,7 +264,7 @@ pub fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure
     })
 }
 
-/// Chooses the faster transport where the largest message fits it.
+/// Chooses the faster transport if the largest message fits it.
 fn with_transport(mut config: Config, task: Task) -> Config {
     let rows = config.world.copies.max(config.test.episodes) as usize;
     let sizes = task.sizes();

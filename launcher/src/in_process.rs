@@ -1,4 +1,4 @@
-//! All roles as threads of this process, on a bus in memory: the same functions, the same bits.
+//! All roles as threads of this process, on a bus in memory. The functions and the results are the same.
 
 use std::sync::mpsc::Sender;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::roles::{listen, Ended, News, Roles};
 
 /// Roles running as threads.
 pub struct InProcess {
-    /// Hears the scalars for as long as it is kept.
+    /// Receives the scalars while it exists.
     _monitor: Arc<dyn Bus>,
     world: Inbox,
     others: Vec<Inbox>,
@@ -45,7 +45,7 @@ impl InProcess {
             let (stop, news) = (role.inbox.clone(), news.clone());
             roles.threads.push(std::thread::spawn(move || {
                 let result = run(role);
-                // Nobody listens any more only when the run is abandoned.
+                // The receiver is gone only if the run is abandoned.
                 let _ = news.send(News::Ended { role: name, result });
             }));
             Ok(stop)
@@ -80,7 +80,7 @@ type Run = dyn FnOnce(Role) -> Result<Ended, Failure> + Send;
 
 impl Roles for InProcess {
     fn stop(&mut self) {
-        // The env-server tells the others; a role that has ended needs no telling.
+        // The env-server closes the run for the others. It may have ended already.
         let _ = self.world.send(Event::Stop);
         self.stops += 1;
         if self.stops > 1 {

@@ -1,4 +1,4 @@
-//! Commands that look at runs and tasks: digest, plot, compare, example, tasks.
+//! Commands that read runs and tasks: digest, plot, compare, example, tasks.
 
 mod tasks;
 
@@ -62,7 +62,7 @@ impl Digest {
     }
 }
 
-/// How many agents a run has, by the only key that counts here: the rest may be of another version of Rondo.
+/// Number of agents of a run. Reads this key only, because the rest may be of another version of Rondo.
 fn agents(folder: &RunFolder) -> Result<usize, Failure> {
     let table = folder.config_toml().parse::<toml::Table>().ok();
     let agents = table.as_ref().and_then(|table| table.get("world")?.get("agents")?.as_integer());
@@ -121,11 +121,11 @@ impl Plot {
     }
 }
 
-/// The curves of all runs that can be read. What is left out is named on stderr.
+/// The curves of all runs that can be read. The others are named on stderr.
 fn load(paths: &[PathBuf], metric: &str) -> Result<Vec<monitor::Curve>, Failure> {
     let Found { curves, mut left_out } = monitor::load_all(paths, metric);
     if curves.is_empty() && !left_out.is_empty() {
-        // The first one is the error, so that one cause is one message.
+        // The first one is the returned error, so each cause is reported once.
         let first = left_out.remove(0);
         left_out.iter().for_each(|error| eprintln!("left out: {error}"));
         return Err(unusable(first));
@@ -176,7 +176,7 @@ pub struct Example {
 
 #[derive(Debug, Clone, clap::Subcommand)]
 enum Which {
-    /// Agents estimate one quantity: who moves when decides whether they converge
+    /// Agents estimate one quantity; the order of their updates decides whether they converge
     Estimation {
         /// Weight of the square of each agent's error
         #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]

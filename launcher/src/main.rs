@@ -1,4 +1,4 @@
-//! `rondo`: starts the roles of a run, resumes it, and looks at what came of it.
+//! `rondo`: starts and resumes runs, and reads their results.
 
 mod bench;
 mod child_processes;
@@ -27,7 +27,7 @@ use clap::{Parser, Subcommand};
 use process::Failure;
 use proto::exit;
 
-/// Cooperative multi-agent reinforcement learning where every agent is a process of its own
+/// Cooperative multi-agent reinforcement learning where every agent is a separate process
 #[derive(Parser)]
 #[command(name = "rondo", version, after_help = EXIT_CODES)]
 struct Cli {
@@ -40,9 +40,9 @@ const EXIT_CODES: &str = "Exit codes: 0 done, 64 usage, 70 a bug in rondo, 74 in
 
 #[derive(Subcommand)]
 enum Command {
-    /// Train a team: env-server, coordinator and one process per agent, on a bus of their own
+    /// Train a team: env-server, coordinator and one process per agent, on a local bus
     Train(train::Train),
-    /// Go on with a run that was stopped or killed
+    /// Continue a run that was stopped or killed
     Resume(train::Resume),
     /// Print digests of the final weights and the metric rows of a run
     Digest(look::Digest),

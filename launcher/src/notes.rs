@@ -1,4 +1,4 @@
-//! What a person should know about the numbers of a run before they read them, in a line each.
+//! Notes for readers of a run's numbers, one line each.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use proto::config::{Config, EndOfBatch};
 
 use crate::experiment::Experiment;
 
-/// Prints what there is to know about a run that this command line asks for.
+/// Prints the notes on a new run.
 pub fn print(experiment: &Experiment, config: &Config) {
     if let Some(note) = rule_brought(experiment, config) {
         eprintln!("note: {note}");
@@ -16,15 +16,15 @@ pub fn print(experiment: &Experiment, config: &Config) {
     print_opponent(config);
 }
 
-/// Prints what there is to know about a run that goes on.
+/// Prints the notes on a run that is resumed.
 pub fn print_opponent(config: &Config) {
     if let Some(note) = opponent(config) {
         eprintln!("note: {note}");
     }
 }
 
-/// That `--profile` or `--paper` has brought another rule for the end of a batch than the default. Who sets the rule
-/// knows it, and a learner without the rule has nothing to know.
+/// A note if `--profile` or `--paper` sets another rule for the end of a batch than the default. None if the user sets
+/// the rule, or the learner does not have it.
 fn rule_brought(experiment: &Experiment, config: &Config) -> Option<String> {
     let rule = config.ppo.as_ref()?.end_of_batch;
     let is_set = |setting: &String| {
@@ -49,8 +49,8 @@ fn rule_brought(experiment: &Experiment, config: &Config) -> Option<String> {
     ))
 }
 
-/// That the opponent of a run is not the one of the published tables; none where there is no opponent, or where its
-/// weights came from a file.
+/// A note if the opponent of a run is not the one of the published tables. None without an opponent, or if its weights
+/// come from a file.
 pub fn opponent(config: &Config) -> Option<String> {
     opponent_in(&config.world.task, &config.world.opponent)
 }
@@ -68,7 +68,7 @@ fn opponent_in(task: &str, opponent: &str) -> Option<String> {
     })
 }
 
-/// What there is to know about curves before they are compared, a line each.
+/// Notes on curves that are compared, one line each.
 pub fn on_curves(curves: &[Curve]) -> BTreeSet<String> {
     let opponent = |curve: &Curve| opponent_in(&curve.task, curve.settings.get("world.opponent")?);
     curves.iter().filter_map(opponent).collect()
@@ -110,7 +110,7 @@ mod tests {
             of_2021.starts_with("`--profile benchmark2021` brings ppo.end_of_batch = benchmark2021, "),
             "{of_2021}"
         );
-        // Nothing is brought, or the person has decided, or there is no such rule.
+        // The rule is the default, or the user sets it, or the learner does not have it.
         for (algo, paper, profile, set) in [
             ("mtppo", false, None, &[][..]),
             ("mtppo", false, Some("rondo"), &[]),

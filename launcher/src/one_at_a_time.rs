@@ -1,4 +1,4 @@
-//! Keeps a second `rondo` out of a run that one is busy with: they would overwrite each other's checkpoints.
+//! Lock: one `rondo` per run folder. Two would overwrite each other's checkpoints.
 
 use std::fs::File;
 use std::path::Path;
@@ -8,11 +8,11 @@ use nix::fcntl::{Flock, FlockArg};
 use process::Failure;
 use proto::exit;
 
-/// Holds the run in folder `path` for as long as the value lives. The system lets go of it when this
-/// process ends, however it ends; children do not inherit it.
+/// Locks the run in folder `path` while the value exists. The system releases the lock when this process ends for any
+/// reason; children do not inherit it.
 ///
 /// # Errors
-/// If another process holds it, or config.toml cannot be opened.
+/// If another process has the lock, or config.toml cannot be opened.
 pub fn hold(path: &Path) -> Result<Flock<File>, Failure> {
     let config = path.join("config.toml");
     let failed = |error: &dyn std::fmt::Display| {
@@ -21,7 +21,7 @@ pub fn hold(path: &Path) -> Result<Flock<File>, Failure> {
     let file = File::open(&config).map_err(|error| failed(&error))?;
     Flock::lock(file, FlockArg::LockExclusiveNonblock).map_err(|(_, error)| match error {
         Errno::EWOULDBLOCK => {
-            let text = format!("another rondo is busy with the run in {}", path.display());
+            let text = format!("another `rondo` process is running {}", path.display());
             Failure::new(exit::AGAIN, format!("{text}\nhint: wait until it ends, or stop it"))
         }
         other => failed(&other),

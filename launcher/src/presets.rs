@@ -1,4 +1,4 @@
-//! `rondo presets`: the published settings as a table, with where each comes from and what is our choice.
+//! `rondo presets`: the published settings as a table, with the source of each, and Rondo's own choices.
 
 use process::Failure;
 use proto::config::{AlgoName, Config, Learner, RewardStandardisation};
@@ -8,7 +8,7 @@ use proto::presets::{self, Family};
 #[derive(Debug, Clone, clap::Args)]
 pub struct Presets {}
 
-/// The families whose worlds are here, and how their tasks' names begin.
+/// The families whose worlds Rondo has, and the prefixes of their tasks' names.
 const FAMILIES: [(Family, &str); 3] = [(Family::Lbf, "lbf"), (Family::Rware, "rware"), (Family::Mpe, "mpe")];
 
 impl Presets {
@@ -94,7 +94,7 @@ fn millions(steps: u64) -> String {
     }
 }
 
-/// What the papers leave open (spec: [OPEN]), and what we take.
+/// What no source gives (marked [OPEN] in `docs/spec/algorithms.md`), and our choice.
 const OPEN: &str = "\
 The papers do not say, so this is our choice; each is a key of the configuration:
   rates         mtppo and mtql start at twice the centre c and at c * 2^(-1/(n-1)) for the n-1 others, which keeps

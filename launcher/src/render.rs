@@ -16,7 +16,7 @@ use crate::eval::Playing;
 use crate::look::unusable;
 use crate::team::Team;
 
-/// How much longer the end of an episode stays in the terminal.
+/// Factor of the time that the end of an episode stays in the terminal.
 const AT_THE_END: u32 = 5;
 
 /// Draw episodes of the trained agents of a run
@@ -74,7 +74,7 @@ impl Render {
         let (rows, columns) = Term::stdout().size();
         let colours = Colours::of(std::env::var("COLORTERM").ok().as_deref());
         let mut terminal = Terminal::new(std::io::stdout().lock(), columns, rows, colours);
-        // The terminal gives the cursor back when it is dropped, which a signal by itself would prevent.
+        // Dropping the terminal restores the cursor. A signal alone would prevent that.
         let stop = Arc::new(AtomicBool::new(false));
         for signal in process::stop_signals() {
             signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Failure::new(exit::BUG, e))?;
@@ -89,7 +89,7 @@ impl Render {
         })
     }
 
-    /// Plays episode after episode, each from a seed of its own, and shows every step.
+    /// Plays the episodes, each from another seed, and shows every step.
     fn play(
         &self,
         team: &mut Team,

@@ -1,4 +1,4 @@
-//! `rondo replay`: recorded traces of the reference environments against ours.
+//! `rondo replay`: compares recorded traces of the reference environments with ours.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};

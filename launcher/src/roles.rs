@@ -1,4 +1,4 @@
-//! What a run's roles tell the launcher and can be told by it, wherever they run.
+//! Messages between a run's roles and the launcher, for processes and threads.
 
 use std::sync::mpsc::Sender;
 
@@ -28,27 +28,27 @@ pub enum Ended {
     Stopped,
 }
 
-/// What the driver hears while roles run.
+/// What the driver receives while roles run.
 pub enum News {
-    /// Scalars for the display; `agent` is none for the env-server.
+    /// Scalars for the display; `agent` is `None` for the env-server.
     Scalars { agent: Option<u32>, metrics: Metrics },
-    /// A role has said something for people, such as a warning.
+    /// A role has printed a line, such as a warning.
     Said { role: String, line: String },
-    /// A role has ended, well or with its exit code and last words.
+    /// A role has ended, with its exit code and message if it failed.
     Ended { role: String, result: Result<Ended, Failure> },
     /// A signal has asked this process to end.
     StopRequest(StopRequest),
 }
 
-/// The roles of a run, wherever they are.
+/// The roles of a run.
 pub trait Roles {
-    /// Asks the run to stop at the next round edge.
+    /// Requests the run to stop after the present round.
     fn stop(&mut self);
-    /// Ends whatever is left, now.
+    /// Ends all remaining roles now.
     fn abandon(&mut self);
 }
 
-/// Passes on the scalars that roles publish, for as long as the caller keeps `bus`.
+/// Passes on the scalars that roles publish, while `bus` exists.
 ///
 /// # Errors
 /// If the bus refuses the subscriptions.
@@ -67,7 +67,7 @@ pub fn listen(bus: &dyn Bus, config: &Config, news: Sender<News>) -> Result<(), 
                 Some(Key::AgentMetrics(agent)) => Some(agent),
                 _ => None,
             };
-            // Whatever is no scalar is not shown; nothing depends on it.
+            // Other messages are not shown; nothing depends on them.
             let Ok(metrics) = decode::<Metrics>(&payload) else { continue };
             if news.send(News::Scalars { agent, metrics }).is_err() {
                 break;

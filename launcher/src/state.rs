@@ -1,4 +1,4 @@
-//! What is in a run folder before anything starts: a run or not, of which configuration, finished or not.
+//! Checks of a run folder before a start: whether it holds a run, its configuration, and whether it is finished.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ pub fn is_run(path: &Path) -> bool {
     path.join("config.toml").is_file()
 }
 
-/// Refuses a folder that holds something else than a run.
+/// Rejects a folder that holds something other than a run.
 ///
 /// # Errors
 /// What is there.
@@ -29,7 +29,7 @@ pub fn is_vacant(path: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     let text = format!(
-        "{} holds something else than a run, a new run needs a folder of its own\nhint: choose another folder with \
+        "{} holds something other than a run, a new run needs a new folder\nhint: choose another folder with \
          --out",
         path.display()
     );
@@ -79,7 +79,7 @@ pub fn check_unchanged(folder: &RunFolder, config: &Config) -> Result<(), Failur
     Ok(())
 }
 
-/// What the env-server has left about its last start.
+/// The env-server's result of its last start.
 #[derive(Deserialize)]
 struct WorldResult {
     t_env: u64,
@@ -87,13 +87,13 @@ struct WorldResult {
     test_return_mean: Option<f64>,
 }
 
-/// One line about a run that has used its budget and whose env-server and agents have all saved the last round; none if
-/// there is something left to do.
+/// One line about a finished run: it has used its budget, and its env-server and agents have all saved the last round.
+/// `None` otherwise.
 ///
 /// # Errors
 /// If the folder cannot be read.
 pub fn finished(folder: &RunFolder, config: &Config) -> Result<Option<String>, Failure> {
-    // None before the first end of a run, damaged after a crash: either way there is something left to do.
+    // Absent before the first end of a run, damaged after a crash: in both cases the run is not finished.
     let result = std::fs::read_to_string(folder.path().join("world").join("result.json")).ok();
     let Some(result) = result.and_then(|text| serde_json::from_str::<WorldResult>(&text).ok()) else {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! What is left when a run ends: `result.json` and the summary on the terminal.
+//! The result of a run: `result.json` and the summary on the terminal.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -25,25 +25,25 @@ pub struct Summary {
     pub update_calls: u64,
     pub test_return_mean: Option<f64>,
     pub best_test_return_mean: Option<f64>,
-    /// Why these returns are not those of the published tables, where a reader could take them for it.
+    /// Why these returns do not compare with published tables, if a reader could compare them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_comparable: Option<String>,
-    /// Of this process; a resumed run counts from the resume.
+    /// Of this process, without the time before a resume.
     pub wall_seconds: f64,
     /// From the launcher's start to the first environment step.
     pub start_seconds: f64,
-    /// Training steps per second between the first tick and the last, tests not counted.
+    /// Training steps per second between the first tick and the last, without tests.
     pub env_steps_per_second: f64,
     pub digest: Option<String>,
     /// Payload bytes that the roles sent, by key.
     pub bytes_by_key: BTreeMap<String, u64>,
-    /// What each role wrote into its own result.json.
+    /// The content of each role's own result.json.
     pub roles: BTreeMap<String, Value>,
     #[serde(skip)]
     pub folder: String,
 }
 
-/// Reads what the roles of a run that was begun at `start` have left in its folder.
+/// Reads the results of the roles of a run that began at `start`.
 ///
 /// # Errors
 /// If the env-server's result cannot be read.
@@ -52,7 +52,7 @@ pub fn collect(folder: &RunFolder, config: &Config, start: SystemTime) -> Result
     let mut bytes_by_key = BTreeMap::new();
     for role in folder.roles()? {
         let path = folder.path().join(&role).join("result.json");
-        // A role that failed has left none.
+        // A role that failed has written none.
         let Ok(text) = std::fs::read_to_string(&path) else { continue };
         let Ok(mut value) = serde_json::from_str::<Value>(&text) else { continue };
         let traffic = value.as_object_mut().and_then(|o| o.remove("traffic")).unwrap_or_default();
@@ -64,7 +64,7 @@ pub fn collect(folder: &RunFolder, config: &Config, start: SystemTime) -> Result
         roles.insert(role, value);
     }
     let world = roles.get("world").cloned().ok_or_else(|| {
-        let text = format!("the env-server has left no result in {}", folder.path().display());
+        let text = format!("there is no world/result.json in {}", folder.path().display());
         Failure::new(exit::BUG, text)
     })?;
     let steps = world["steps_played"].as_u64().unwrap_or(0);
@@ -95,12 +95,12 @@ pub fn collect(folder: &RunFolder, config: &Config, start: SystemTime) -> Result
 }
 
 impl Summary {
-    /// What a role's clock says about one of its parts; 0 where it says nothing.
+    /// A role's seconds of one activity; 0 if it reports none.
     pub fn seconds(&self, role: &str, part: &str) -> f64 {
         self.roles.get(role).and_then(|role| role["seconds"][part].as_f64()).unwrap_or(0.0)
     }
 
-    /// From the first tick to the last, tests not counted.
+    /// From the first tick to the last, without tests.
     pub fn training_seconds(&self) -> f64 {
         self.seconds("world", "total") - self.seconds("world", "tests")
     }

@@ -1,4 +1,4 @@
-//! Several seeds of one experiment, one after another or side by side, each a `rondo` of its own.
+//! Several seeds of one experiment, one after another or side by side, each as a `rondo` process.
 
 use std::ffi::OsString;
 use std::os::unix::process::CommandExt;
@@ -12,7 +12,7 @@ use nix::unistd::Pid;
 use process::Failure;
 use proto::exit;
 
-/// Between two looks at the seeds that run.
+/// Pause between two checks of the running seeds.
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
 /// One seed: its folder and how to train it.
@@ -30,7 +30,7 @@ impl Part {
         let mut given = std::env::args_os().skip(1);
         while let Some(argument) = given.next() {
             let text = argument.to_string_lossy().into_owned();
-            // `--jobs` stays: it says how many share this machine. `--fresh` has chosen the folder.
+            // `--jobs` stays: it is the number of teams on this machine. `--fresh` has chosen the folder.
             let replaced = ["--seed", "--seeds", "--out"];
             if replaced.contains(&text.as_str()) {
                 given.next();
@@ -58,7 +58,7 @@ impl Part {
             .args(&self.arguments)
             .arg("--with-launcher")
             .stdin(Stdio::piped())
-            // Ctrl-C in a terminal reaches this process alone, which then signals each seed once.
+            // Ctrl-C in a terminal reaches this process only, which then signals each seed once.
             .process_group(0)
             .spawn()
     }
@@ -69,15 +69,15 @@ fn is_same(argument: &OsString, folder: &std::ffi::OsStr) -> bool {
     Path::new(argument).components().eq(Path::new(folder).components())
 }
 
-/// Trains these seeds, `jobs` of them side by side; the first failure stops the rest. A signal is passed on to every
-/// seed that runs, which saves.
+/// Trains these seeds, `jobs` of them side by side. The first failure stops the rest. Signals are passed on to all
+/// running seeds, which save.
 ///
 /// # Errors
 /// If a seed cannot be started.
 pub fn run(parts: Vec<Part>, jobs: usize) -> Result<ExitCode, Failure> {
     let io = |error: std::io::Error| Failure::new(exit::IO, format!("cannot start a seed: {error}"));
     let (sender, requests) = channel();
-    // Nobody receives any more only when all seeds have ended.
+    // The receiver is gone only if all seeds have ended.
     process::on_stop_request(move |request| {
         let _ = sender.send(request);
     })?;
@@ -93,11 +93,11 @@ pub fn run(parts: Vec<Part>, jobs: usize) -> Result<ExitCode, Failure> {
         if running.is_empty() {
             break;
         }
-        // A seed counts the signals as this process does, so each is passed on as it comes.
+        // A seed counts signals as this process does, so each is passed on.
         for _request in requests.try_iter() {
             worst = exit::AGAIN;
             for (_, child) in &running {
-                // One that has just ended needs no signal.
+                // It may have just ended.
                 let _ = kill(Pid::from_raw(child.id() as i32), Signal::SIGTERM);
             }
         }

@@ -1,4 +1,4 @@
-//! A team as a run has left it, playing episodes that nobody learns from: what `eval` and `render` do.
+//! A trained team from a run's checkpoints, for `eval` and `render`. It plays without learning.
 
 use std::path::Path;
 
@@ -26,7 +26,8 @@ impl Team {
     /// Reads the agents' checkpoints; changes nothing.
     ///
     /// # Errors
-    /// If it is no run, or there is no round of which all agents have a checkpoint here: with who has what.
+    /// If the folder is not a run, or there is no round of which all agents have a checkpoint here. The error names
+    /// each agent's rounds.
     pub fn open(run: &Path) -> Result<Self, Failure> {
         let folder = RunFolder::open(run)?;
         let config = Config::from_toml(folder.config_toml()).map_err(|error| {
@@ -48,7 +49,7 @@ impl Team {
             let who_holds_what = names.iter().map(|name| {
                 match there.iter().position(|other| *other == name).map(|at| &held[at]) {
                     None => format!("{name} has no folder here"),
-                    Some(rounds) if rounds.is_empty() => format!("{name} has no whole checkpoint"),
+                    Some(rounds) if rounds.is_empty() => format!("{name} has no complete checkpoint"),
                     Some(rounds) => format!("{name} has {}", listed(rounds)),
                 }
             });
@@ -75,16 +76,16 @@ impl Team {
         Ok(Self { config, round, task, learners })
     }
 
-    /// Acts as in tests of its run, or by another choice.
+    /// Sets how PPO chooses actions.
     pub fn choose(&mut self, choice: Choice) {
         self.learners.iter_mut().for_each(|learner| learner.choose_in_tests(choice));
     }
 
-    /// Plays one episode in each of `copies` environment copies, with all chance from `seed`. `watch` sees the
-    /// start and what every step led to, with the joint action (`actions[agent][row]`, by running copy).
+    /// Plays one episode in each of `copies` environment copies, with random streams from `seed`. `watch` gets the
+    /// start and the state after every step, with the joint action (`actions[agent][row]`, by running copy).
     ///
     /// # Errors
-    /// What `watch` returns.
+    /// The error of `watch`.
     pub fn play(
         &mut self,
         copies: u32,
@@ -119,5 +120,5 @@ fn listed(rounds: &[u64]) -> String {
     rounds.iter().map(u64::to_string).collect::<Vec<_>>().join(" and ")
 }
 
-/// Apart from the episodes of training and of its tests.
+/// Purpose of the random stream, different from those of training and tests.
 const EPISODES: &str = "evaluation-episode";

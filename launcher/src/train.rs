@@ -17,7 +17,7 @@ use crate::roles::{Ended, Transport};
 use crate::state;
 use crate::sweep::{self, Part};
 
-/// Where runs go without `--out`.
+/// Folder of runs without `--out`.
 const RUNS: &str = "runs";
 
 /// Options of every command that runs a team.
@@ -43,7 +43,7 @@ pub struct Running {
 }
 
 impl Running {
-    /// `teams`: how many train on this machine at the same time.
+    /// `teams`: number of teams that train on this machine at the same time.
     ///
     /// # Errors
     /// If this build cannot compute on the device.
@@ -92,7 +92,7 @@ impl Train {
         }
         let options = self.running.options(self.jobs)?;
         let algo = &self.experiment.algo;
-        // Mistakes are found before anything starts, and the names need the task's canonical spelling.
+        // Finds mistakes before anything starts. The run's name needs the task's canonical name.
         let config = self.experiment.configure("check")?;
         if !self.running.with_launcher {
             notes::print(&self.experiment, &config);
@@ -124,7 +124,7 @@ impl Train {
         finish(&folder, &config, options)
     }
 
-    /// The folder to train in: `--out`, or one below `runs`. `fits` refuses a folder that another configuration uses.
+    /// The folder to train in: `--out`, or one below `runs`. `fits` rejects a folder that another configuration uses.
     fn choose(&self, name: &str, fits: impl Fn(&Path) -> Result<(), Failure>) -> Result<PathBuf, Failure> {
         let wanted = self.out.clone().unwrap_or_else(|| Path::new(RUNS).join(name));
         let numbered = |n: u32| {
@@ -142,7 +142,7 @@ impl Train {
         Ok(candidates.find(|path| fits(path).is_ok()).expect("there are enough numbers"))
     }
 
-    /// Whether a folder is new, or that of a run with this configuration.
+    /// Checks that a folder is new, or that of a run with this configuration.
     fn is_this_run(&self, out: &Path, experiment: &Experiment) -> Result<(), Failure> {
         if !state::is_run(out) {
             return state::is_vacant(out);
@@ -164,7 +164,7 @@ impl Train {
         Err(Failure::new(exit::CONFIG, text))
     }
 
-    /// Whether all seeds that are in a folder of seeds are of this experiment.
+    /// Checks that all seeds in a folder of seeds are of this experiment.
     fn no_other_seeds(&self, out: &Path) -> Result<(), Failure> {
         if state::is_run(out) {
             let text =
@@ -179,7 +179,7 @@ impl Train {
     }
 }
 
-/// Go on with a run, or with every seed below a folder
+/// Continue a run, or every seed below a folder
 #[derive(Debug, Clone, clap::Args)]
 pub struct Resume {
     /// The run folder, or a folder of seeds
@@ -190,8 +190,7 @@ pub struct Resume {
     /// Change a key that may change in a run: save.interval, log.interval or bus.low_latency
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub settings: Vec<String>,
-    /// Start from the beginning where not every role holds a checkpoint of the same round; the old checkpoints and
-    /// rows are set aside
+    /// Start from the beginning if no round is held by every role; the old checkpoints and rows are set aside
     #[arg(long)]
     pub start_over: bool,
     #[command(flatten)]
@@ -228,14 +227,14 @@ impl Resume {
         finish(&folder, &config, options)
     }
 
-    /// The configuration with what this command changes.
+    /// The configuration with this command's changes.
     fn changed(&self, before: &Config) -> Result<Config, Failure> {
         let mut config = overridden(before.clone(), &self.settings)?;
         config.t_max = self.t_max.unwrap_or(config.t_max);
         config.validate()?;
         if let Some(difference) = config.first_difference(before) {
             let text = format!(
-                "a run cannot go on with this change: {difference}\nhint: what may change is {} (`t_max` only \
+                "a run cannot continue with this change: {difference}\nhint: what may change is {} (`t_max` only \
                  upwards); train a new run for anything else",
                 MAY_CHANGE.join(", ")
             );
@@ -276,7 +275,7 @@ fn finish(folder: &RunFolder, config: &Config, options: Options) -> Result<ExitC
     })
 }
 
-/// The name of a run: that of its folder, in the characters that keys may have.
+/// The name of a run: that of its folder, with only the characters that keys allow.
 pub fn run_name(out: &Path) -> String {
     let name = out.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
     let allowed = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);

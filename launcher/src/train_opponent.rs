@@ -1,7 +1,7 @@
 //! `rondo train-opponent`: the networks that play the prey of Tag and the adversary of Adversary.
 //!
-//! All agents of the whole game learn together, each with a PPO learner of its own, in this one process on one
-//! thread; then the actor of the role is written as a frozen network. The result follows from the arguments.
+//! All agents of the whole game learn together, each with its own PPO learner, in this process on one thread. Then the
+//! actor of the role is written as a frozen network. The result depends on the arguments only.
 
 use std::collections::BTreeMap;
 use std::fs::Permissions;
@@ -24,8 +24,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::experiment::unknown;
 
-/// Environment copies, which are the episodes of an update call: more than a team's, so that the gradients of
-/// agents who learn against each other are steadier.
+/// Environment copies, each with one episode of an update call: more than a team's, so that the gradients of agents
+/// that learn against each other have less noise.
 const COPIES: usize = 32;
 const LEARNING_RATE: f64 = 5e-4;
 /// Lines of progress over a whole training.
@@ -50,7 +50,7 @@ pub struct TrainOpponent {
 }
 
 impl TrainOpponent {
-    /// Refuses to write over a file, before anything is trained.
+    /// Checks that the file does not exist before it trains.
     pub fn run(&self) -> Result<(), Failure> {
         let names = Role::ALL.map(Role::name);
         let role = Role::ALL.into_iter().find(|role| role.name() == self.role);
@@ -59,7 +59,7 @@ impl TrainOpponent {
             let out = self.out.display();
             return Err(Failure::new(exit::USAGE, format!("{out} is there already; name a new file")));
         }
-        // Known now rather than after minutes.
+        // Checked now and not after minutes.
         if !folder(&self.out).is_dir() {
             let folder = folder(&self.out).display();
             return Err(Failure::new(
@@ -74,7 +74,7 @@ impl TrainOpponent {
         Ok(())
     }
 
-    /// Trains and gives the bytes of the file.
+    /// Trains and returns the bytes of the file.
     fn train(&self, role: Role, mut report: impl FnMut(&str)) -> Vec<u8> {
         let mut arena = Arena::new(role, self.seed, usize::from(self.hidden));
         let per_round = COPIES as u64 * u64::from(role.arena().sizes().episode_limit);
@@ -128,9 +128,9 @@ fn folder(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Appears whole or not at all, and never in place of another file.
+/// Writes the complete file or nothing, and never replaces another file.
 fn write_new(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    // As other files of the user, not for the user alone as temporary files are.
+    // The mode of the user's other files; that of a temporary file would be more restrictive.
     let mode = Permissions::from_mode(0o666);
     let mut file = tempfile::Builder::new().permissions(mode).tempfile_in(folder(path))?;
     file.write_all(bytes)?;
@@ -138,7 +138,7 @@ fn write_new(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Copies of the whole game, and a learner in every seat.
+/// Copies of the whole game, and a learner for every agent.
 struct Arena {
     worlds: Vec<Box<dyn World>>,
     seats: Vec<Seat>,
@@ -153,7 +153,7 @@ struct Seat {
     chance: ChaCha8Rng,
     obs_size: usize,
     n_actions: usize,
-    /// Scratch of a tick: what is seen, row by row, and what is done.
+    /// Work space of a tick: observations and actions by row.
     obs: Vec<f32>,
     avail: Vec<u8>,
     actions: Vec<u16>,
@@ -208,7 +208,7 @@ impl Arena {
         }
     }
 
-    /// One update call of everybody.
+    /// One update call of every agent.
     fn learn(&mut self) {
         for seat in &mut self.seats {
             seat.learner.update(seat.rollout.episodes(), LEARNING_RATE);
@@ -221,7 +221,7 @@ impl Seat {
         let config = Config {
             actor: Kind::Fc,
             hidden,
-            // Everybody learns for itself: no team shares this loss.
+            // No team shares this loss.
             agents: 1,
             gamma: 0.99,
             epochs: 4,

@@ -1,11 +1,11 @@
-//! Keeps what ARCHITECTURE.md and the unit files claim true, by reading manifests, sources and units.
+//! Checks the claims of ARCHITECTURE.md and the unit files against manifests, sources and units.
 
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The arrows: each crate of the workspace, and which others it may name. The launcher may name all.
+/// The arrows: each crate of the workspace, and the crates that it may depend on. The launcher may depend on all.
 const ARROWS: [(&str, &[&str]); 10] = [
     ("proto", &[]),
     ("envs", &[]),
@@ -20,7 +20,7 @@ const ARROWS: [(&str, &[&str]); 10] = [
 ];
 const TOP: &str = "launcher";
 
-/// Crates from outside that one crate alone may name.
+/// Outside crates that one crate only may depend on.
 const ONE_DOOR: [(&str, &str); 6] = [
     ("zenoh", "bus"),
     ("bincode", "proto"),
@@ -50,7 +50,7 @@ fn manifest(folder: &str) -> toml::Table {
     read(&path).parse().unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// What a manifest depends on, whether for the library, for tests or for one target only.
+/// The dependencies of a manifest: of the library, of tests and of single targets.
 fn dependencies(manifest: &toml::Table) -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for (name, value) in manifest {
@@ -64,7 +64,7 @@ fn dependencies(manifest: &toml::Table) -> BTreeSet<String> {
     found
 }
 
-/// The Rust files of a crate that are no tests, with their paths from the root.
+/// The source files of a crate, with their paths from the root.
 fn sources(name: &str) -> Vec<(String, String)> {
     let mut waiting = vec![Path::new(name).join("src")];
     let mut found = Vec::new();

@@ -1,4 +1,4 @@
-//! What `rondo tasks` says and draws, as a user meets it.
+//! The output of `rondo tasks`.
 
 use std::fs;
 use std::process::{Command, Output};

@@ -1,5 +1,5 @@
-//! What every picture here is made of: axes with round ticks, panels with a light grid, a legend
-//! that keeps out of the way, and colours that can be told apart without colour vision.
+//! The parts of every chart: axes with round ticks, panels with a light grid, a legend in a free corner, and colours
+//! that also people with colour blindness can distinguish.
 
 use crate::svg::{Anchor, Stroke, Svg};
 
@@ -19,16 +19,16 @@ const CHARACTER: f64 = 0.62;
 
 /// Okabe and Ito's palette without its yellow, which is hard to see as a line on white.
 const COLOURS: [&str; 7] = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"];
-/// When the colours are used up they come again with other dashes.
+/// After the last colour they repeat with other dashes.
 const DASHES: [&str; 3] = ["", "9 6", "2 6"];
 
-/// How the `index`-th line of a picture is drawn.
+/// The stroke of the `index`-th line.
 pub fn stroke(index: usize) -> Stroke<'static> {
     let dashes = DASHES[index / COLOURS.len() % DASHES.len()];
     Stroke { colour: COLOURS[index % COLOURS.len()], width: 2.6, dashes }
 }
 
-/// A range of values and the places that are named on it.
+/// A range of values with ticks.
 pub struct Axis {
     pub min: f64,
     pub max: f64,
@@ -49,7 +49,7 @@ impl Axis {
             (min, max) = (min - margin, max + margin);
         }
         let step = round_step((max - min) / count.max(1) as f64);
-        // The small allowance keeps a tick that rounding puts a hair outside.
+        // The small tolerance keeps a tick that rounding puts slightly outside.
         let first = (min / step - 1e-6).ceil() as i64;
         let last = (max / step + 1e-6).floor() as i64;
         let ticks =
@@ -64,7 +64,7 @@ impl Axis {
         Self { min: f64::from(min), max: f64::from(max), ticks, label: label.to_owned() }
     }
 
-    /// Where `value` lies between the ends: 0 to 1.
+    /// The position of `value` between the ends: 0 to 1.
     fn share(&self, value: f64) -> f64 {
         (value - self.min) / (self.max - self.min)
     }

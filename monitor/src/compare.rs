@@ -13,9 +13,9 @@ pub struct Comparison {
     /// The mean of each seed over those test points that all seeds of both sides reach; a seed
     /// weighs as one sample. `None` if there is no such point.
     pub overall: Option<Overall>,
-    /// In what the sides differ that changes what their numbers mean.
+    /// Differences between the sides that change the meaning of their numbers.
     pub differences: Vec<Difference>,
-    /// In what the runs of our side and those of the reference's differ among themselves.
+    /// Differences among the runs of our side, and among those of the reference's.
     pub mixtures: [Vec<Difference>; 2],
     our_label: String,
     reference_label: String,
@@ -26,12 +26,12 @@ pub struct Comparison {
 pub struct Row {
     /// Environment steps, averaged over the reference's seeds.
     pub t_env: f64,
-    /// `None` where no seed of ours got to.
+    /// `None` if no seed of ours reaches this point.
     pub ours: Option<Summary>,
     pub reference: Summary,
 }
 
-/// Both sides over all test points in common.
+/// Both sides over all common test points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Overall {
     pub ours: Summary,
@@ -55,9 +55,9 @@ impl Overall {
 
 /// Ours keeps up if its mean is at least the reference's mean minus one standard error of the
 /// difference, `sqrt(se_ours² + se_reference²)`. A side with one seed has no standard error and
-/// adds nothing. This is a strict test: with many seeds, a learner as good as the reference fails it
-/// by chance in one case of six, with two or three seeds more often. Single rows may say no; the
-/// verdict is over the whole.
+/// adds nothing. Noise and few seeds widen this margin. With many seeds, a learner as good as the reference fails by
+/// chance in one case of six, with two or three seeds more often. The verdict is over all test points; single rows
+/// may differ from it.
 pub fn keeps_up(ours: &Summary, reference: &Summary) -> bool {
     let square = |side: &Summary| side.standard_error.unwrap_or(0.0).powi(2);
     ours.mean >= reference.mean - (square(ours) + square(reference)).sqrt()

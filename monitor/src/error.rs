@@ -1,8 +1,8 @@
-//! What can go wrong between a run folder, or a world, and a picture.
+//! Errors of reading runs and drawing pictures.
 
 use std::path::PathBuf;
 
-/// Every variant names the file, and where it helps the line, that the reader has to look at.
+/// Every variant names the file, and if useful the line.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     #[error("cannot read {path}: {source}", path = .path.display())]
@@ -17,11 +17,11 @@ pub enum Error {
     )]
     NotARun { path: PathBuf },
 
-    /// `config.toml` cannot be parsed, or lacks what a label is made of.
+    /// `config.toml` cannot be parsed, or lacks a key that a label needs.
     #[error("{path}: {problem}", path = .path.display())]
     Config { path: PathBuf, problem: String },
 
-    /// Rows that cannot be used; the rest was. `place` is the first one's line or, in a curve file, its entry
+    /// Rows that cannot be used; the others are used. `place` is the first one's line or, in a curve file, its entry
     /// (`rows[3]`).
     #[error("{count} rows of {path}, the first at {place}: {problem}", path = .path.display())]
     Rows { path: PathBuf, count: usize, place: String, problem: String },
@@ -29,7 +29,7 @@ pub enum Error {
     #[error("{path} is not a curve file: {problem}", path = .path.display())]
     CurveFile { path: PathBuf, problem: String },
 
-    /// The file is sound, but no row has a number of this name.
+    /// The file is valid, but no row has a number of this name.
     #[error("no row of {path} has a number named `{metric}`; {found}", path = .path.display())]
     NoRows { path: PathBuf, metric: String, found: String },
 

@@ -1,8 +1,8 @@
-//! The analytic example: agents estimate one number, each from its own noisy view of it. Small enough for exact
-//! answers. It shows that best responses at once can diverge where best responses in turn converge, and that the
-//! sequential scheme can become faster when the others move slowly meanwhile. It does not show that agents need
-//! different timescales: all at once, damped by one common factor, is a little faster still in the paper's case
-//! (algorithms §10). Pure mathematics; no file, no picture.
+//! The analytic example (algorithms §10): agents estimate one number, each from its own noisy observation. It is small
+//! enough for exact answers. It shows that simultaneous best responses can diverge where sequential ones converge, and
+//! that the sequential scheme can become faster when the other agents move slowly meanwhile. It does not show that
+//! agents need different timescales: in the paper's case, simultaneous updates with one common damping are a little
+//! faster still. Pure mathematics; no file, no picture.
 //!
 //! ```text
 //! x ~ N(0,1),  y_i = x + v_i,  v_i ~ N(0, σ²),  ẑ_i = K_i y_i          n agents
@@ -15,20 +15,19 @@
 //! ```
 //! The paper's case is p = q = 1, σ² = 0.5, n = 3, where `J` is the error of the team's mean estimate.
 //!
-//! `w = 1` for all is the iterative best response all at once (IIBR, Jacobi), `w = 1` for one agent
-//! in turn and 0 for the others the sequential one (SIBR, Gauss–Seidel). Multi-timescale is in
-//! between: 1 for the fast agent, ω for the others. That last one is our extension of the example, and so is one
-//! `w` below 1 for all.
+//! With `w = 1` for all agents this is the simultaneous iterative best response (IIBR, Jacobi); with `w = 1` for one
+//! agent in turn and 0 for the others, the sequential one (SIBR, Gauss–Seidel). Multi-timescale is in between: 1 for
+//! the fast agent, ω for the others. That and a common `w` below 1 are our extensions of the example.
 
 /// `K_i` by agent.
 pub type Gains = Vec<f64>;
 /// By row, then column.
 pub type Matrix = Vec<Vec<f64>>;
 
-/// Larger teams take long to work out and do not fit the tables.
+/// Larger teams take long to compute and do not fit the tables.
 pub const MOST_AGENTS: usize = 32;
 
-/// What is estimated, by how many, and what errors cost.
+/// The parameters of the example.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Problem {
     /// Weight of the square of each agent's error.
@@ -41,7 +40,7 @@ pub struct Problem {
     agents: usize,
 }
 
-/// Why there is no such example.
+/// Why parameters are invalid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unsolvable {
     #[error("`--n {0}`: expected a number of agents from 2 to {MOST_AGENTS}")]
@@ -60,9 +59,9 @@ impl Problem {
     pub const PAPER: Self = Self { p: 1.0, q: 1.0, variance: 0.5, agents: 3 };
 
     /// # Errors
-    /// If the numbers are none, or the cost has no single minimum.
+    /// If a number is out of range, or the cost has no single minimum.
     pub fn new(p: f64, q: f64, variance: f64, agents: usize) -> Result<Self, Unsolvable> {
-        /// Squares and products of such numbers are numbers.
+        /// Squares and products of such numbers are finite.
         const LARGEST: f64 = 1e9;
         let number = |name, found: f64, fits: bool, expected| match fits && found.abs() <= LARGEST {
             true => Ok(()),
@@ -75,7 +74,7 @@ impl Problem {
             return Err(Unsolvable::Agents(agents));
         }
         let problem = Self { p, q, variance, agents };
-        // The eigenvalues of Γ: the second one for differences between agents, the first for what they share.
+        // The eigenvalues of Γ: the first for the mean of the agents, the second for differences between them.
         if problem.diagonal() + problem.others() * q <= 0.0 || problem.diagonal() - q <= 0.0 {
             return Err(Unsolvable::NoMinimum { p, q, variance, agents });
         }
@@ -113,12 +112,12 @@ impl Problem {
         self.p + self.others() * self.q
     }
 
-    /// `Γ_ij / Γ_ii`: how far an agent's best response moves when one other agent moves by one, to the other side.
+    /// `Γ_ij / Γ_ii`: an agent's best response moves by minus this when one other agent moves by one.
     fn coupling(&self) -> f64 {
         self.q / self.diagonal()
     }
 
-    /// Where every trajectory starts. Its mean is not that of K*, so IIBR diverges from here where it diverges at all.
+    /// The start of every trajectory. Its mean is not that of K*, so IIBR diverges from here if it diverges at all.
     pub fn start(&self) -> Gains {
         vec![0.0; self.agents]
     }
@@ -149,7 +148,7 @@ impl Problem {
         (self.q * sum * sum + (self.diagonal() - self.q) * squares) / (self.agents * self.agents) as f64
     }
 
-    /// `|K − K*|`: the largest difference of an entry, which is the norm behind the spec's counts.
+    /// `max_i |K_i − K*_i|`.
     pub fn distance(&self, k: &[f64]) -> f64 {
         largest(k.iter().zip(self.fixed_point()).map(|(k, star)| (k - star).abs()))
     }
@@ -192,8 +191,8 @@ impl Problem {
         }
     }
 
-    /// The ω from which on the scheme no longer converges: `ρ = 1`, between the best ω and 1. None where it converges
-    /// for every ω.
+    /// The ω from which on the scheme does not converge: `ρ = 1`, between the best ω and 1. `None` if it converges for
+    /// every ω.
     pub fn stability_limit(&self) -> Option<f64> {
         let (mut stable, mut unstable) = (self.best_omega().0, 1.0);
         if self.rho(unstable) < 1.0 {
@@ -210,15 +209,15 @@ impl Problem {
         Some(unstable)
     }
 
-    /// The common factor `w` by which all agents at once converge fastest: it makes the two eigenvalues of an update
-    /// equal in modulus, `1 − w (1 + (n−1) c)` and `1 − w (1 − c)` with the coupling `c`.
+    /// The common factor `w` with which simultaneous updates converge fastest: it makes the two eigenvalues of an
+    /// update equal in modulus, `1 − w (1 + (n−1) c)` and `1 − w (1 − c)` with the coupling `c`.
     pub fn best_damping(&self) -> f64 {
         2.0 / (2.0 + (self.others() - 1.0) * self.coupling())
     }
 }
 
-/// Who moves how far: `fast` is the weight of the agent whose turn it is, `slow` of the others;
-/// turns go round after `period` updates.
+/// A scheme of updates: `fast` is the weight of the agent whose turn it is, `slow` that of the others. The turn goes
+/// to the next agent after `period` updates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scheme {
     pub fast: f64,
@@ -228,17 +227,17 @@ pub struct Scheme {
 }
 
 impl Scheme {
-    /// All agents go to their best response at once.
+    /// All agents move to their best responses at once.
     pub const IIBR: Self = Self::damped(1.0);
-    /// One agent after the other goes to its best response.
+    /// One agent after another moves to its best response.
     pub const SIBR: Self = Self::multi_timescale(0.0, 1);
 
-    /// The fast agent goes to its best response, the others the share `omega` of the way.
+    /// The fast agent moves to its best response, the others by the share `omega` of the way.
     pub const fn multi_timescale(omega: f64, period: usize) -> Self {
         Self { fast: 1.0, slow: omega, period }
     }
 
-    /// All agents go the share `w` of the way at once.
+    /// All agents move by the share `w` of the way at once.
     pub const fn damped(w: f64) -> Self {
         Self { fast: w, slow: w, period: 1 }
     }
@@ -270,7 +269,7 @@ impl Scheme {
         std::iter::once(problem.start()).chain(after).collect()
     }
 
-    /// `A` with `K − K* <- A (K − K*)` in update `u`, read off the equations:
+    /// `A` with `K − K* <- A (K − K*)` in update `u`, from the equations:
     /// `A_ij = −w_i Γ_ij / Γ_ii`, and `1 − w_i` on the diagonal.
     pub fn update_matrix(&self, problem: &Problem, u: usize) -> Matrix {
         let n = problem.agents;
@@ -299,7 +298,7 @@ impl Scheme {
         sweep
     }
 
-    /// How many updates from the start until `|K − K*| < tolerance`; `None` if not within `limit`.
+    /// Number of updates from the start until `max_i |K_i − K*_i| < tolerance`; `None` if not within `limit`.
     pub fn updates_until(&self, problem: &Problem, tolerance: f64, limit: usize) -> Option<usize> {
         let mut k = problem.start();
         for u in 0..=limit {
@@ -330,8 +329,8 @@ impl Eigenvalue {
 }
 
 /// The eigenvalues of a matrix of three rows and columns: the roots of its characteristic polynomial, the isolated
-/// real one first. None of another matrix. A double root is found to about half the digits, as by every method that
-/// starts from the coefficients.
+/// real one first. `None` for another matrix. A double root is accurate to about half the digits, as with every method
+/// that starts from the coefficients.
 pub fn eigenvalues(a: &Matrix) -> Option<[Eigenvalue; 3]> {
     if a.len() != 3 {
         return None;
@@ -356,9 +355,8 @@ pub fn eigenvalues(a: &Matrix) -> Option<[Eigenvalue; 3]> {
 }
 
 /// A real root of `p(λ) = λ³ − t λ² + m λ − d` that is not part of a double one (unless all three
-/// are equal). `p` bends one way left of `λ = t/3` and the other way right of it, so on the side
-/// to which its value there points it crosses zero exactly once: bisection cannot miss. Where that
-/// value is zero, the root is found.
+/// are equal). `p` has its inflection at `λ = t/3`. On the side given by the sign of its value there it crosses zero
+/// exactly once, so bisection finds the root. If that value is zero, `λ = t/3` is the root.
 fn isolated_root(t: f64, m: f64, d: f64) -> f64 {
     let p = |x: f64| ((x - t) * x + m) * x - d;
     // No root is larger in modulus than this (Cauchy).
@@ -370,7 +368,7 @@ fn isolated_root(t: f64, m: f64, d: f64) -> f64 {
     let (mut low, mut high) = if p(centre) > 0.0 { (-bound, centre) } else { (centre, bound) };
     loop {
         let middle = 0.5 * (low + high);
-        // The interval no longer splits: its ends are neighbours (or not numbers).
+        // The interval cannot be split: its ends are neighbours (or NaN).
         if !(low < middle && middle < high) {
             return middle;
         }
@@ -382,15 +380,15 @@ fn isolated_root(t: f64, m: f64, d: f64) -> f64 {
     }
 }
 
-/// The largest modulus of an eigenvalue: below 1 the iteration converges, from any start. It is the limit of
-/// `‖A^m‖^(1/m)`; squaring 50 times makes `m` so large that nothing of the norm's choice is left, and an
-/// error in a late square counts for nothing.
+/// The largest modulus of an eigenvalue: below 1 the iteration converges from any start. It is the limit of
+/// `‖A^m‖^(1/m)`. Squaring 50 times makes `m` so large that neither the choice of the norm nor a rounding error in a
+/// late square matters.
 pub fn spectral_radius(a: &Matrix) -> f64 {
     /// `m = 2^50`.
     const SQUARINGS: i32 = 50;
     let (mut power, mut log_radius) = (a.clone(), 0.0);
     for squared in 0..=SQUARINGS {
-        // Scaled to 1 before each square, so that nothing overflows; the scale is kept as a logarithm.
+        // Scaled to 1 before each square against overflow; the scale is stored as a logarithm.
         let norm = largest(power.iter().flatten().map(|entry| entry.abs()));
         if norm == 0.0 || !norm.is_finite() {
             return norm;
@@ -412,7 +410,7 @@ fn product(a: &Matrix, b: &Matrix) -> Matrix {
     product
 }
 
-/// Unlike `f64::max`, lets a value that is not a number win: a diverged distance is not a small one.
+/// Unlike `f64::max`, returns NaN if any value is NaN: a diverged distance must not look small.
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |a, b| if a.is_nan() || a > b { a } else { b })
 }

@@ -1,5 +1,5 @@
-//! The analytic example as a picture: the gains of the agents under both schemes of the paper, how fast each scheme
-//! approaches the optimum, and the spectral radius over ω (algorithms §10).
+//! The analytic example as a picture: the gains of the agents under both schemes of the paper, the convergence of each
+//! scheme, and the spectral radius over ω (algorithms §10).
 
 use std::path::Path;
 
@@ -8,13 +8,13 @@ use crate::estimation::{spectral_radius, Problem, Scheme};
 use crate::svg::{Anchor, Format, Stroke, Svg};
 use crate::Error;
 
-/// Updates in which the gains are shown: where IIBR diverges they soon leave every scale.
+/// Updates for which gains are shown; few, because diverging gains soon leave the scale.
 const IIBR_UPDATES: usize = 8;
 const SIBR_SWEEPS: usize = 6;
 const UPDATES: usize = 60;
 /// Exponents of ten between which `J − J*` is shown.
 const EXPONENTS: (i32, i32) = (-12, 4);
-/// Enough for a smooth line of ρ(ω).
+/// Number of points of the line ρ(ω).
 const OMEGAS: usize = 200;
 /// Agents whose gains are shown one by one: the first of a large team.
 const MOST_LINES: usize = 4;
@@ -83,7 +83,7 @@ fn draw_gains(svg: &mut Svg, problem: &Problem, place: Place, scheme: Scheme, up
     let panel = panel(svg, place, heading, x, y);
     let optimum = Stroke { colour: GREY, width: 1.4, dashes: "6 5" };
     svg.line(panel.at(0.0, star), panel.at(updates as f64, star), optimum);
-    // All at once from one start, all agents have one gain.
+    // With simultaneous updates from one start, all agents have the same gain.
     let shown = if scheme == Scheme::IIBR { 1 } else { problem.agents().min(MOST_LINES) };
     let lines: Vec<Vec<_>> = (0..shown)
         .map(|i| trajectory.iter().enumerate().map(|(u, k)| panel.at(u as f64, k[i])).collect())
@@ -115,7 +115,7 @@ fn draw_excess(svg: &mut Svg, problem: &Problem) {
     ];
     let lines = schemes.each_ref().map(|(_, scheme)| {
         let trajectory = scheme.trajectory(problem, UPDATES);
-        // At the optimum itself the logarithm would have no place on any scale.
+        // At the optimum the logarithm would be infinite.
         let exponents = trajectory.iter().map(|k| problem.excess_cost(k).max(1e-300).log10());
         exponents.enumerate().map(|(u, exponent)| panel.at(u as f64, exponent)).collect::<Vec<_>>()
     });
@@ -131,7 +131,7 @@ fn draw_radius(svg: &mut Svg, problem: &Problem) {
     let radii: Vec<_> = (0..=OMEGAS).map(|i| (at(i), problem.rho(at(i)))).collect();
     let w = problem.best_damping();
     let damped = spectral_radius(&Scheme::damped(w).sweep_matrix(problem));
-    // Beyond this there is nothing to see but divergence.
+    // Larger values show divergence only.
     let most = radii.iter().map(|(_, rho)| *rho).fold(1.25, f64::max).min(2.5);
     let panel = panel(
         svg,

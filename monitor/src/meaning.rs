@@ -1,11 +1,11 @@
-//! What the numbers of a run mean: returns of two runs can be compared only where these settings are equal.
+//! Settings that change the meaning of returns: two runs can be compared only if they are equal.
 
 use std::collections::BTreeSet;
 use std::fmt;
 
 use crate::Curve;
 
-/// Settings that change what a return means, beside the task with its rules.
+/// Settings that change the meaning of a return, beside the task with its rules.
 pub const MEANING: [&str; 4] = ["world.reward", "world.opponent", "world.pad", "ppo.policy_test"];
 
 const TASK: &str = "world.task";
@@ -19,7 +19,7 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// Whether it changes the scale of returns, so that no verdict about them can be right.
+    /// Whether it changes the scale of returns, so that a verdict would be meaningless.
     pub fn is_of_scale(&self) -> bool {
         [TASK, REWARD].contains(&self.key.as_str())
     }
@@ -32,7 +32,7 @@ impl fmt::Display for Difference {
     }
 }
 
-/// In what these runs differ that changes what their returns mean. What a run does not say is taken as equal.
+/// Differences between these runs that change the meaning of returns. Missing settings count as equal.
 pub fn differences<'a>(curves: impl Iterator<Item = &'a Curve> + Clone) -> Vec<Difference> {
     let differing = |key: &str| {
         let values: BTreeSet<String> = curves.clone().filter_map(|curve| value(curve, key)).collect();
@@ -41,7 +41,7 @@ pub fn differences<'a>(curves: impl Iterator<Item = &'a Curve> + Clone) -> Vec<D
     std::iter::once(TASK).chain(MEANING).filter_map(differing).collect()
 }
 
-/// In what the configurations of one side differ: its mean is then one over unlike runs.
+/// Differences among the configurations of one side, whose mean is then over different experiments.
 pub fn mixture(curves: &[Curve]) -> Vec<Difference> {
     let keys: BTreeSet<&String> = curves.iter().flat_map(|curve| curve.settings.keys()).collect();
     let differing = |key: &String| {
@@ -68,7 +68,7 @@ fn value(curve: &Curve, key: &str) -> Option<String> {
     }
 }
 
-/// The canonical name, in which the rules are; a curve file of EPyMARL says it more exactly in a setting.
+/// The canonical name, which contains the rules. Curve files of EPyMARL have it in a setting.
 fn task(curve: &Curve) -> String {
     let name = curve.settings.get("env_args.key").unwrap_or(&curve.task);
     let Ok(task) = envs::task(name) else { return curve.task.clone() };

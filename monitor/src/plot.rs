@@ -8,7 +8,7 @@ use crate::stats::{mean_curve, MeanPoint};
 use crate::svg::{Anchor, Format, Svg};
 use crate::{Error, Group};
 
-/// What the picture says beside the curves.
+/// Texts and options of the picture.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PlotOptions {
     pub title: String,
@@ -28,7 +28,7 @@ pub struct PlotOptions {
 /// [`Error::Extension`] for another kind of file, [`Error::Empty`] if no group has a point up to
 /// `x_max`, [`Error::Write`], [`Error::Raster`].
 pub fn plot(groups: &[Group], options: &PlotOptions, out: &Path) -> Result<(), Error> {
-    // Before the work, so that a wrong name is told at once.
+    // First, so that a wrong name is reported at once.
     Format::of(out)?;
     let x_max = options.x_max.unwrap_or(f64::INFINITY);
     let curves: Vec<Vec<MeanPoint>> =
@@ -78,7 +78,7 @@ pub fn plot(groups: &[Group], options: &PlotOptions, out: &Path) -> Result<(), E
         for (index, points) in curves.iter().enumerate() {
             let means = line(points, 0.0);
             svg.polyline(&means, stroke(index));
-            // A single point is no line; few points are worth seeing.
+            // A single point is not a line; few points are drawn as dots.
             if points.len() <= 12 {
                 means.iter().for_each(|at| svg.circle(*at, 4.0, stroke(index).colour));
             }
@@ -104,7 +104,7 @@ fn subtitle(smooth: usize) -> String {
     format!("mean over seeds, band: ± one standard error{smoothing}")
 }
 
-/// `5 seeds`, or `3–5 seeds` where some have not got as far as others.
+/// `5 seeds`, or `3–5 seeds` if some runs are shorter than others.
 fn seeds(points: &[MeanPoint]) -> String {
     let counts = || points.iter().map(|point| point.seeds);
     match (counts().min().unwrap_or(0), counts().max().unwrap_or(0)) {

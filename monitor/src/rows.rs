@@ -1,4 +1,4 @@
-//! Metric rows as they are found: whole, cut short, or of another writer.
+//! Metric rows from files: complete, incomplete, or of another program.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -8,13 +8,12 @@ use serde_json::{Map, Value};
 use crate::runs::Point;
 use crate::Error;
 
-/// Collects one metric from rows. A row that cannot be used is left out; the first one is remembered, and how
-/// many there were.
+/// Collects one metric from rows. Rows that cannot be used are skipped; the first of them and their number are stored.
 pub struct Rows<'a> {
     path: &'a Path,
     metric: &'a str,
     points: Vec<Point>,
-    /// What else the rows hold, for the error message.
+    /// Other names in the rows, for the error message.
     names: BTreeSet<String>,
     unusable: Option<Unusable>,
 }
@@ -30,8 +29,8 @@ impl<'a> Rows<'a> {
         Self { path, metric, points: Vec::new(), names: BTreeSet::new(), unusable: None }
     }
 
-    /// Takes all rows of a `metrics.jsonl`. A last line without an end is a row that is still being written, and
-    /// is no mistake.
+    /// Adds all rows of a `metrics.jsonl`. A last line without an end is a row that is still being written, not an
+    /// error.
     pub fn take_lines(&mut self, bytes: &[u8]) {
         for (index, line) in bytes.split_inclusive(|byte| *byte == b'\n').enumerate() {
             if line.trim_ascii().is_empty() {
@@ -46,7 +45,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Takes one row; `place` says where it is.
+    /// Adds one row; `place` is its place for messages.
     pub fn take(&mut self, place: &str, row: &Map<String, Value>) {
         let Some(value) = row.get(self.metric) else {
             let new = row.keys().filter(|name| !self.names.contains(*name)).cloned().collect::<Vec<_>>();
@@ -71,7 +70,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Remembers a row that cannot be used.
+    /// Counts a row that cannot be used.
     pub fn leave_out(&mut self, place: &str, problem: String) {
         match &mut self.unusable {
             Some(unusable) => unusable.count += 1,
@@ -79,7 +78,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// The points, and what was left out on the way.
+    /// The points, and the skipped rows.
     ///
     /// # Errors
     /// [`Error::NoRows`] without any point.
@@ -106,8 +105,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Reads JSON in which numbers that are not finite are written as Python's `json` and others write them; they
-/// become `null`.
+/// Parses JSON with infinities and NaN as Python's `json` and other programs write them; they become `null`.
 pub fn parse<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, serde_json::Error> {
     serde_json::from_slice(bytes).or_else(|error| match without_non_finite(bytes) {
         Some(bytes) => serde_json::from_slice(&bytes),
@@ -115,8 +113,8 @@ pub fn parse<T: serde::de::DeserializeOwned>(bytes: &[u8]) -> Result<T, serde_js
     })
 }
 
-/// The same text with `null` for each bare word that reads as a number and is not finite, such as `NaN`,
-/// `-Infinity` or `1e999`; `None` where there is no such word.
+/// The same text with `null` for each bare word that is a number but not finite, such as `NaN`, `-Infinity` or
+/// `1e999`; `None` if there is no such word.
 fn without_non_finite(bytes: &[u8]) -> Option<Vec<u8>> {
     let ends_word = |byte: u8| byte.is_ascii_whitespace() || b",:[]{}\"".contains(&byte);
     let mut out = Vec::with_capacity(bytes.len());
@@ -155,13 +153,13 @@ fn text_length(bytes: &[u8]) -> usize {
     bytes.len()
 }
 
-/// `null`, and texts such as `"NaN"`, which some writers take where JSON has no number.
+/// `null`, and texts such as `"NaN"`, which some programs write for numbers that JSON does not have.
 fn is_not_finite(value: &Value) -> bool {
     value.is_null()
         || value.as_str().and_then(|text| text.parse::<f64>().ok()).is_some_and(|number| !number.is_finite())
 }
 
-/// A count, also where it was written as `1000.0`.
+/// A count, also if written as `1000.0`.
 fn whole(value: &Value) -> Option<u64> {
     let float = || value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..9e15).contains(x)).map(|x| x as u64);
     value.as_u64().or_else(float)

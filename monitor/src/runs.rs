@@ -11,7 +11,7 @@ use crate::meaning::MEANING;
 use crate::rows::{self, Rows};
 use crate::Error;
 
-/// Folders between a sweep and its runs, at most; a guard against a folder that contains itself.
+/// Most folders between a sweep and its runs; protects against a folder that contains itself.
 const MAX_DEPTH: usize = 4;
 
 /// One measurement of one run.
@@ -25,14 +25,14 @@ pub struct Point {
 /// One metric of one run against environment steps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
-    /// Algorithm, task and learning rates: what a legend says.
+    /// Algorithm, task and learning rates, for the legend.
     pub label: String,
     pub task: String,
     pub seed: u64,
-    /// What may change the result, as `section.key` and text. Where to save, what to log, how long
-    /// to train and the seed are not part of it.
+    /// Settings that may change the result, as `section.key` and text, without saving, logging, the budget and the
+    /// seed.
     pub settings: BTreeMap<String, String>,
-    /// In rising order of `t_env`; never empty in what a run folder brings.
+    /// In rising order of `t_env`; not empty if read from a run folder.
     pub points: Vec<Point>,
     /// The run folder or file it was read from.
     pub source: PathBuf,
@@ -45,21 +45,21 @@ pub struct Group {
     pub curves: Vec<Curve>,
 }
 
-/// What was found on a disk.
+/// The result of reading paths.
 #[derive(Debug)]
 pub struct Found {
     pub curves: Vec<Curve>,
-    /// Runs, or rows of a run, that could not be taken, each with the reason.
+    /// Skipped runs, or rows of a run, each with the reason.
     pub left_out: Vec<Error>,
 }
 
-/// Reads `metric` of all that is there at `paths`: a run folder, a reference curve file (`.json`), or a folder that
-/// stands for the runs inside it (`seed-1`, `seed-2`, … `seed-10`, in that order).
+/// Reads `metric` from `paths`: run folders, reference curve files (`.json`), or folders with runs inside (`seed-1`,
+/// `seed-2`, … `seed-10`, in that order).
 ///
-/// A plain name is looked up in the world's rows, `agent-1/loss` in that role's. Rows without the metric, and rows
-/// where it is not finite (`null`), are skipped. A last line that is cut short is a row still being written, and is
-/// skipped too. A run that cannot be read is left out, and so is the second run of one seed: the same seed twice is
-/// one sample, and would make the standard error too small.
+/// A plain name is a metric of the world, `agent-1/loss` one of that role. Rows without the metric, and rows where it
+/// is not finite (`null`), are skipped. So is an incomplete last line: it is still being written. A run that cannot be
+/// read is skipped, and so is a second run of one seed: it is the same sample, and would make the standard error too
+/// small.
 pub fn load_all(paths: &[PathBuf], metric: &str) -> Found {
     let mut left_out = Vec::new();
     let mut curves: Vec<Curve> = Vec::new();
@@ -85,7 +85,7 @@ pub fn load_all(paths: &[PathBuf], metric: &str) -> Found {
     Found { curves, left_out }
 }
 
-/// One run folder or curve file, and the rows that had to be left out.
+/// One run folder or curve file, and its skipped rows.
 fn load(path: &Path, metric: &str) -> Result<(Curve, Option<Error>), Error> {
     if path.is_dir() {
         load_run(path, metric)
@@ -106,11 +106,11 @@ impl Curve {
     }
 }
 
-/// Puts the seeds of each configuration together, in the order in which they come.
+/// Groups the seeds of each configuration, in their order.
 ///
-/// Runs with one label but different settings stay apart; their labels then get the settings in
-/// which they differ, for instance `…, algo.hidden=64`. A label also gets the settings that change
-/// what a return means (see [`crate::meaning`]) where any two groups differ in them.
+/// Runs with one label but different settings are different groups. Their labels then get the settings in which they
+/// differ, for instance `…, algo.hidden=64`. A label also gets the settings that change the meaning of a return (see
+/// [`crate::meaning`]) if any two groups differ in them.
 pub fn group(curves: Vec<Curve>) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for curve in curves {
@@ -126,7 +126,8 @@ pub fn group(curves: Vec<Curve>) -> Vec<Group> {
     groups
 }
 
-/// The group's label and the settings that tell it from others of the same label, or from all others in meaning.
+/// The group's label with the settings that distinguish it from others of the same label, or from all others in
+/// meaning.
 fn distinct_label(groups: &[Group], index: usize) -> String {
     let own = &groups[index];
     let settings = |group: &Group| group.curves[0].settings.clone();
@@ -152,8 +153,7 @@ fn is_run(path: &Path) -> bool {
     path.join("config.toml").is_file()
 }
 
-/// The runs that a path stands for. A path that holds no run stands for itself, so that reading it says what is
-/// wrong.
+/// The runs at a path. A path without a run is returned itself, so that reading it gives the error.
 fn runs_in(path: &Path, left_out: &mut Vec<Error>) -> Vec<PathBuf> {
     let mut runs = Vec::new();
     let before = left_out.len();
@@ -168,7 +168,7 @@ fn runs_in(path: &Path, left_out: &mut Vec<Error>) -> Vec<PathBuf> {
     runs
 }
 
-/// Whether this folder belongs to a run, its configuration or not: a run that is young, or half copied.
+/// Whether this folder belongs to a run, with or without its configuration: it may be new or incompletely copied.
 fn is_part_of_run(folder: &Path) -> bool {
     let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let is_seed = name.strip_prefix("seed-").is_some_and(|seed| seed.parse::<u64>().is_ok());
@@ -194,7 +194,7 @@ fn find_runs(folder: &Path, depth: usize, runs: &mut Vec<PathBuf>, left_out: &mu
     };
     let mut inner: Vec<PathBuf> =
         entries.flatten().map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
-    // `seed-10` belongs after `seed-2`: numbers at the end count as numbers.
+    // `seed-10` comes after `seed-2`: numbers at the end are compared as numbers.
     inner.sort_by_key(|path| {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let stem = name.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned();
@@ -282,7 +282,7 @@ fn flatten(prefix: &str, value: &toml::Value, into: &mut BTreeMap<String, String
     }
 }
 
-/// A value as people write it: texts without quotes.
+/// A value for labels: texts without quotes.
 fn plain(value: &toml::Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }

@@ -1,11 +1,11 @@
-//! The scores of each group of runs, as a table: how it ends, how good it was at best, and over the whole.
+//! The scores of each group of runs, as a table: final, last five, best, and mean over all test points.
 
 use std::fmt;
 
 use crate::stats::{auc, best, final_performance, mean_of_last, quarter_interval, Summary};
 use crate::{Curve, Group};
 
-/// Test points that the less noisy end of a run is averaged over.
+/// Test points of the mean at the end of a run.
 const LAST: usize = 5;
 
 /// The scores of one group over its seeds.
@@ -15,7 +15,7 @@ pub struct Scores {
     pub seeds: usize,
     /// Name and value, in the order of the table.
     pub scores: Vec<(&'static str, Summary)>,
-    /// First and last step at which seeds end, where these are different test points.
+    /// First and last step at which seeds end, if these are different test points.
     pub ends: Option<(u64, u64)>,
 }
 

@@ -1,4 +1,4 @@
-//! Scores of a run and statistics over seeds, as algorithms §8.3 defines them.
+//! Scores of a run and statistics over seeds (algorithms §8.3).
 
 use crate::{Curve, Point};
 
@@ -7,7 +7,7 @@ use crate::{Curve, Point};
 pub struct Summary {
     pub seeds: usize,
     pub mean: f64,
-    /// Unknown for a single seed.
+    /// `None` for a single seed.
     pub standard_error: Option<f64>,
     /// Interquartile mean.
     pub iqm: f64,
@@ -41,8 +41,8 @@ pub fn standard_error(values: &[f64]) -> Option<f64> {
     Some((squares / (k - 1.0)).sqrt() / k.sqrt())
 }
 
-/// Interquartile mean: the lowest and the highest `floor(k / 4)` values are dropped, so of five
-/// seeds the best and the worst, and of three none. `None` without values.
+/// Interquartile mean: without the lowest and the highest `floor(k / 4)` values. With five seeds the best and the worst
+/// are dropped, with three none. `None` without values.
 pub fn iqm(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -92,19 +92,19 @@ pub struct MeanPoint {
     pub t_env: f64,
     pub mean: f64,
     pub standard_error: Option<f64>,
-    /// How many seeds have a value here.
+    /// Number of seeds with a value here.
     pub seeds: usize,
 }
 
-/// The mean over seeds; every seed is smoothed by itself first (see [`smooth`]).
+/// The mean over seeds. Every seed is smoothed by itself first (see [`smooth`]).
 ///
 /// A test falls on the end of a round, so the test points of two seeds differ by a few steps. Where
 /// the j-th points of all seeds lie within a quarter of a test interval, they are one point, at the
 /// mean of their steps. Otherwise (other intervals, a missing row) the seed with the most points
 /// gives the grid and the others are interpolated linearly, never beyond their ends.
 ///
-/// Seeds may have got further than others. A point is kept where at least two have a value (with a
-/// single curve: everywhere), and says how many: a mean over fewer seeds is another mean.
+/// Seeds may have different lengths. A point needs at least two seeds with a value (with a single curve: one), and
+/// stores their number.
 pub fn mean_curve(curves: &[Curve], window: usize) -> Vec<MeanPoint> {
     let smoothed: Vec<Vec<Point>> = curves
         .iter()
@@ -152,8 +152,7 @@ fn mean_point(points: &[Point]) -> Option<MeanPoint> {
 }
 
 /// A quarter of the shortest mean interval between test points, in environment steps: test points
-/// nearer than this are the same test. Infinite if no curve has two points: then there is nothing
-/// to tell apart.
+/// nearer than this are the same test. Infinite if no curve has two points.
 pub(crate) fn quarter_interval(curves: &[Curve]) -> f64 {
     let interval = |curve: &Curve| match (curve.points.first(), curve.points.last(), curve.points.len()) {
         (Some(first), Some(last), count) if count > 1 => {
@@ -164,8 +163,8 @@ pub(crate) fn quarter_interval(curves: &[Curve]) -> f64 {
     curves.iter().filter_map(interval).fold(f64::INFINITY, f64::min) / 4.0
 }
 
-/// The value at `t_env`, linear between test points. Up to `slack` steps outside the first and the
-/// last point their values hold; beyond that there is none.
+/// The value at `t_env`, linear between test points. Up to `slack` steps outside the first and the last point their
+/// values are used; `None` beyond that.
 pub(crate) fn value_at(points: &[Point], t_env: f64, slack: f64) -> Option<f64> {
     let (first, last) = (points.first()?, points.last()?);
     if t_env < first.t_env as f64 - slack || t_env > last.t_env as f64 + slack {

@@ -1,5 +1,5 @@
-//! A small SVG writer, and the way from a drawing to a file: as it is, or rasterised to PNG with
-//! embedded fonts, so that a machine without fonts draws the same picture.
+//! A small SVG writer, with output as SVG or as PNG. PNG uses embedded fonts, so that a machine without fonts draws
+//! the same picture.
 
 use std::fmt::Write;
 use std::fs;
@@ -10,12 +10,12 @@ use resvg::{tiny_skia, usvg};
 
 use crate::Error;
 
-/// Browsers take the first they have; the PNG is drawn with the embedded first one.
+/// Browsers use the first one available; PNG uses the embedded first one.
 const FONTS: &str = "DejaVu Sans, Verdana, Arial, sans-serif";
-/// The same where all letters are to be equally wide.
+/// The same for letters of equal width.
 const EVEN_FONTS: &str = "DejaVu Sans Mono, Menlo, Consolas, monospace";
 
-/// Read once: a film has many pictures.
+/// Parsed once, because a film has many pictures.
 static EMBEDDED: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
     let mut fonts = usvg::fontdb::Database::new();
     fonts.load_font_data(dejavu::sans::regular().to_vec());
@@ -23,7 +23,7 @@ static EMBEDDED: LazyLock<Arc<usvg::fontdb::Database>> = LazyLock::new(|| {
     Arc::new(fonts)
 });
 
-/// Where a text sits relative to its position.
+/// Alignment of a text at its position.
 #[derive(Clone, Copy)]
 pub enum Anchor {
     Start,
@@ -154,7 +154,7 @@ impl Svg {
         )
     }
 
-    /// The drawing in pixels, all of them opaque; or what stands in the way.
+    /// The drawing in pixels, all of them opaque; or the error.
     pub fn rasterise(&self) -> Result<tiny_skia::Pixmap, String> {
         let options = usvg::Options { fontdb: EMBEDDED.clone(), ..usvg::Options::default() };
         let tree = usvg::Tree::from_str(&self.document(), &options).map_err(|error| error.to_string())?;
@@ -164,7 +164,7 @@ impl Svg {
         Ok(pixels)
     }
 
-    /// Writes the picture; the extension of `out` says which kind. Missing folders are made.
+    /// Writes the picture in the format of the extension of `out`. Missing folders are made.
     pub fn save(self, out: &Path) -> Result<(), Error> {
         let bytes = match Format::of(out)? {
             Format::Svg => self.document().into_bytes(),
@@ -190,7 +190,7 @@ pub fn write(out: &Path, bytes: &[u8]) -> Result<(), Error> {
     fs::write(out, bytes).map_err(failed)
 }
 
-/// The kind of picture a file name asks for.
+/// The format of a file name.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Format {
     Svg,
@@ -219,7 +219,7 @@ fn paint(stroke: Stroke) -> String {
     format!(r#"stroke="{}" stroke-width="{}"{dashes}"#, stroke.colour, stroke.width)
 }
 
-/// Control characters, which XML cannot hold at all, become spaces.
+/// Control characters, which XML does not allow, become spaces.
 fn escape(text: &str) -> String {
     let text = text.replace(|c: char| c.is_control(), " ");
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")

@@ -1,4 +1,4 @@
-//! Algorithms, rules, rewards and opponents that do not exist or do not go together.
+//! Algorithms, rules, rewards and opponents that do not exist or cannot be combined.
 
 use crate::bad_input::refused;
 
@@ -24,7 +24,7 @@ fn keys_of_another_kind_of_learner_are_refused() {
     );
     refused(&["train", "--algo=iql", "--set=q.bach=3"])
         .fails_with(78, &["error: `--set`: `q.bach` is not a key; did you mean `q.batch`?"]);
-    // The name alone does not make the section of another learner.
+    // A new name does not add the section of another learner.
     refused(&["train", "--algo=iql", "--set=algo.name=ippo"]).fails_with(
         78,
         &["`ppo` is missing: `algo.name` = `ippo` needs that section", "remove that section"],

@@ -1,4 +1,4 @@
-//! What people get wrong: each mistake has one clear message and the right exit code, and costs nothing.
+//! User mistakes: each has one clear message and the right exit code, and changes nothing.
 
 use std::fs;
 use std::net::TcpListener;
@@ -9,7 +9,7 @@ use crate::hosts::Hosts;
 
 const NOTHING: [&str; 0] = [];
 
-/// `rondo` with these words, in a folder of its own that must be as empty afterwards as before.
+/// `rondo` with these words, in a new folder that must be empty afterwards.
 #[track_caller]
 pub fn refused(words: &[&str]) -> Ended {
     let cluster = Cluster::new();
@@ -119,7 +119,7 @@ fn a_folder_that_exists_is_left_alone() {
     cluster.train("results", short(), NOTHING).wait().fails_with(
         78,
         &[
-            &format!("error: {path} holds something else than a run, a new run needs a folder of its own"),
+            &format!("error: {path} holds something other than a run, a new run needs a new folder"),
             "choose another folder with --out",
         ],
     );
@@ -215,7 +215,7 @@ fn an_agent_with_another_configuration_is_refused() {
     finishes(&hosts, servers);
 }
 
-/// The refused ones have done no harm: the proper team comes and the run is what it always is.
+/// Refused processes have no effect: the right team joins and the run has the usual digest.
 fn finishes(hosts: &Hosts, servers: [Process; 2]) {
     let agents = [hosts.start_agent(0, &[]), hosts.start_agent(1, &[])];
     agents.into_iter().chain(servers).for_each(|process| drop(process.succeeds()));
@@ -237,7 +237,7 @@ fn an_agent_that_is_one_too_many_is_refused() {
     wait_until("agent 1 to act", || {
         hosts.recorded("agent-1").iter().any(|line| line["key"] == "rondo/run/agent/1/act")
     });
-    // Its folder and record are its own; on another host nobody shares them either.
+    // With a separate folder and record, as on another host.
     let second =
         Hosts { cluster: Cluster::new(), world: hosts.world.clone(), coordinator: hosts.coordinator.clone() };
     fs::copy(hosts.cluster.path("config.toml"), second.cluster.path("config.toml")).expect("copied");
@@ -259,12 +259,12 @@ fn agents_that_do_not_come_are_named() {
     world.wait().fails_with(
         75,
         &[
-            "error: of run `run` agents did not join within 4s: 1 (here: 0)",
+            "error: agent 1 of run `run` did not join within 4s (joined: 0)",
             "waited on `rondo/run/agent/1/join`",
             "hint: on its host run `rondo-agent --id 1 --config FILE --out DIR --connect ENDPOINT …`",
         ],
     );
-    coordinator.wait().fails_with(75, &["error: of run `run` agents did not come within 4s: ", "1"]);
+    coordinator.wait().fails_with(75, &["error: agent 1 of run `run` did not join within 4s"]);
     agent.wait().fails_with(75, &["error: agent 0 got no seat within 6s", "is every agent started"]);
 }
 
@@ -282,11 +282,11 @@ fn an_agent_that_leaves_before_the_run_begins_is_named() {
     let stays = hosts.start_agent(1, &[]);
     world.wait().fails_with(
         75,
-        &["error: agents 0 of run `run` joined, but did not announce themselves within 6s (here: 1)"],
+        &["error: agent 0 of run `run` joined, but did not announce itself within 6s (joined: 1)"],
     );
-    // The one that stayed had a seat, and is told by the env-server's end that there is no run.
+    // The other agent had a seat. It ends when the env-server does.
     let ended = stays.wait();
-    ended.fails_with(75, &["error: agent 1 is alone: the env-server has left run `run` in round 0"]);
+    ended.fails_with(75, &["error: agent 1 lost the env-server: it left run `run` in round 0"]);
     drop(coordinator);
 }
 
@@ -303,13 +303,13 @@ fn an_agent_that_leaves_is_named_by_the_env_server() {
     let [world, coordinator] = servers;
     world.wait().fails_with(
         75,
-        &["error: agent 1 has left the run and did not come back within 5s", "start the same commands again"],
+        &["error: agent 1 left the run and did not come back within 5s", "start the same commands again"],
     );
-    // The one that stayed was told, saved and left.
+    // The other agent received the closing tick, saved and left.
     assert_eq!(stays.wait().code, Some(75));
     coordinator.succeeds();
 
-    // Everybody started again goes on from what all hold.
+    // All processes, started again, continue from their common round.
     let servers = [hosts.start_env_server(&[]), hosts.start_coordinator(&[])];
     finishes(&hosts, servers);
 }

@@ -1,4 +1,4 @@
-//! Processes of one test: started in a temporary folder, watched with deadlines, gone when the test is over.
+//! The processes of one test: started in a temporary folder, awaited with deadlines, killed at the end of the test.
 
 use std::collections::BTreeSet;
 use std::ffi::OsStr;
@@ -14,10 +14,10 @@ use nix::sys::signal::{kill, Signal};
 use nix::unistd::Pid;
 use tempfile::TempDir;
 
-/// Nothing that these tests wait for takes a tenth of this on an idle machine.
+/// Ten times longer than any wait of these tests takes on an idle machine.
 pub const DEADLINE: Duration = Duration::from_secs(60);
 
-/// Between two looks at a condition.
+/// Pause between two checks of a condition.
 const LOOK_AGAIN: Duration = Duration::from_millis(2);
 
 /// Waits until `condition` holds.
@@ -29,9 +29,8 @@ pub fn wait_until(what: &str, mut condition: impl FnMut() -> bool) {
     }
 }
 
-/// An experiment as the words of a command line: two agents, small networks, the turn going round often, a
-/// checkpoint every few rounds. Metric rows sum up two or three rounds, so that a checkpoint between two
-/// rows has something to carry over.
+/// An experiment as the words of a command line: two agents, small networks, short periods, a checkpoint every few
+/// rounds. Metric rows cover two or three rounds, so that a checkpoint between two rows has unlogged sums.
 pub fn experiment(seed: u64, t_max: u64) -> Vec<String> {
     let words = [
         "lbf-5x5-2p-1f".to_owned(),
@@ -52,7 +51,7 @@ pub fn short() -> Vec<String> {
     experiment(1, 9_000)
 }
 
-/// The digest line that [`short`] comes to when nothing disturbs it; worked out once for all tests.
+/// The digest line of [`short`] without a disturbance; computed once for all tests.
 pub fn undisturbed() -> &'static str {
     static DIGEST: OnceLock<String> = OnceLock::new();
     DIGEST.get_or_init(|| {
@@ -62,7 +61,7 @@ pub fn undisturbed() -> &'static str {
     })
 }
 
-/// A temporary folder and what runs in it.
+/// A temporary folder and the processes in it.
 pub struct Cluster {
     folder: TempDir,
 }
@@ -101,7 +100,7 @@ impl Cluster {
         Process::start(command)
     }
 
-    /// What has been written of run folder `run` so far.
+    /// The present content of run folder `run`.
     pub fn run(&self, run: &str) -> RunFolder {
         RunFolder { path: self.path(run) }
     }
@@ -126,15 +125,15 @@ pub fn role(program: &str) -> Command {
     Command::new(path)
 }
 
-/// A zenoh session that is no role; cargo builds it with the tests of the workspace.
+/// A zenoh session that is not a role; cargo builds it with the tests of the workspace.
 pub fn outsider() -> Command {
     role("examples/outsider")
 }
 
-/// How a process ended and what it said.
+/// The exit code and output of a process.
 #[derive(Debug)]
 pub struct Ended {
-    /// None if a signal ended it.
+    /// `None` if a signal ended it.
     pub code: Option<i32>,
     pub stdout: String,
     pub stderr: String,
@@ -173,12 +172,12 @@ impl Process {
         Self { child, stdout, stderr, readers, family: BTreeSet::new() }
     }
 
-    /// What it has said on stderr so far.
+    /// Its stderr so far.
     pub fn stderr(&self) -> String {
         self.stderr.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// What it has said on stdout so far.
+    /// Its stdout so far.
     pub fn stdout(&self) -> String {
         self.stdout.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
@@ -202,14 +201,14 @@ impl Process {
         self.member().is_some()
     }
 
-    /// The processes that it started, as far as they live.
+    /// Its children that still run.
     pub fn children(&mut self) -> Vec<Member> {
         let children = Member::children_of(self.child.id());
         self.family.extend(children.iter().cloned());
         children
     }
 
-    /// The processes that it started, and those that these started.
+    /// Its descendants that still run.
     pub fn descendants(&mut self) -> Vec<Member> {
         let mut found = self.children();
         let mut next = 0;
@@ -221,7 +220,7 @@ impl Process {
         found
     }
 
-    /// The process of one role: `env-server`, `coordinator` or `agent-0`, once it is there.
+    /// The process of one role, when it has started: `env-server`, `coordinator` or `agent-0`.
     pub fn child(&mut self, role: &str) -> Member {
         let mut found = None;
         wait_until(role, || {
@@ -231,16 +230,16 @@ impl Process {
         found.expect("it has been waited for")
     }
 
-    /// Sends a signal to this process alone.
+    /// Sends a signal to this process only.
     pub fn signal(&self, signal: Signal) {
-        // It has not been waited for, so the number is still its own.
+        // It has not been waited for, so the process id is still its own.
         kill(Pid::from_raw(self.child.id() as i32), signal).expect("its parent may signal it");
     }
 
-    /// Kills this process and all that it started. None has the time to notice the end of another.
+    /// Kills this process and its descendants, so fast that none notices the end of another.
     #[track_caller]
     pub fn kill_all(mut self) {
-        // It starts nobody and tells nobody anything from now on.
+        // From now on it starts no process and sends no message.
         self.signal(Signal::SIGSTOP);
         let children = self.children();
         children.iter().for_each(|child| child.signal(Signal::SIGSTOP));
@@ -267,7 +266,7 @@ impl Process {
         Ended { code, stdout: text(&self.stdout), stderr: text(&self.stderr) }
     }
 
-    /// Waits for its end, which must be a good one.
+    /// Waits for its end and expects exit code 0.
     #[track_caller]
     pub fn succeeds(self) -> Ended {
         let ended = self.wait();
@@ -302,7 +301,7 @@ fn collect(stream: impl Read + Send + 'static, text: &Arc<Mutex<String>>) -> Joi
     })
 }
 
-/// A process by number and start time, so that a number that is used again is not taken for it.
+/// A process by id and start time, because ids are reused.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Member {
     pid: u32,
@@ -333,7 +332,7 @@ impl Member {
         }
     }
 
-    /// Whether every one of its threads has stopped, as SIGSTOP makes them do soon after it was sent.
+    /// Whether all of its threads have stopped; SIGSTOP takes effect after a short time.
     pub fn has_stopped(&self) -> bool {
         let Ok(threads) = fs::read_dir(format!("/proc/{}/task", self.pid)) else { return false };
         let stats =
@@ -364,7 +363,7 @@ fn stat(pid: u32) -> Option<(u32, u64)> {
     runs.then_some((fields.get(1)?.parse().ok()?, fields.get(19)?.parse().ok()?))
 }
 
-/// What can be seen of a run in its folder.
+/// A run, seen through its folder.
 pub struct RunFolder {
     pub path: PathBuf,
 }
@@ -408,7 +407,7 @@ impl RunFolder {
     }
 }
 
-/// Copies a folder into another, as a person would who brings the folders of several hosts together.
+/// Copies a folder into another, as a user who merges the folders of several hosts.
 pub fn copy_into(from: &Path, to: &Path) {
     fs::create_dir_all(to).expect("a folder");
     for entry in fs::read_dir(from).expect("a folder") {

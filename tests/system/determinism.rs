@@ -1,4 +1,4 @@
-//! One result: the digest depends on program, configuration and seed, and on nothing else.
+//! The digest depends on program, configuration and seed only.
 
 use std::time::{Duration, Instant};
 
@@ -45,7 +45,7 @@ fn an_agent_that_stands_still_for_three_seconds_changes_nothing() {
     let before = rows();
     let stopped = Instant::now();
     wait_until("three seconds to pass", || stopped.elapsed() >= Duration::from_secs(3));
-    // Nobody goes on without it; a row may have been on its way.
+    // No role continues without it; a row may still be written.
     assert!(rows() <= before + 1, "{} rows after {before}", rows());
     agent.signal(Signal::SIGCONT);
     training.succeeds();

@@ -1,4 +1,4 @@
-//! A learner whose numbers have become infinite ends the run with words, and leaves the last checkpoint as it was.
+//! A learner with infinite numbers ends the run with a message, and the last checkpoint is unchanged.
 
 use std::fs;
 
@@ -10,7 +10,7 @@ use crate::q_learning;
 
 const NOTHING: [&str; 0] = [];
 
-/// Gives agent 1's networks weights that are numbers, but so large that nothing computed with them is one.
+/// Gives agent 1's networks finite weights that are so large that computing with them overflows.
 fn blow_up(cluster: &Cluster, network: &str) -> Checkpoint {
     let folder = RunFolder::open(cluster.path("run")).expect("a run");
     let checkpoints = folder.role("agent-1").expect("its folder").checkpoints();
@@ -33,7 +33,7 @@ fn a_learner_that_diverges_ends_the_run_with_its_reason_and_keeps_the_last_check
         assert_eq!(training.wait().code, Some(75));
         let before = blow_up(&cluster, network);
 
-        // Going on comes to the same end, which is why it is not the code for trying again.
+        // Resuming ends in the same way, so the exit code does not mean "try again".
         let ends = || {
             let ended = cluster.resume("run").wait();
             ended.fails_with(78, &["agent-1: agent 1 diverged in update call ", "`--lr-fast`, `--lr-slow`"]);

@@ -1,4 +1,4 @@
-//! Roles that die: the run ends with a message that names them, and nobody is left behind.
+//! Roles that die: the run ends with a message that names them, and no process is left.
 
 use std::time::{Duration, Instant};
 
@@ -8,10 +8,10 @@ use crate::cluster::{experiment, short, undisturbed, wait_until, Cluster, Ended,
 
 const NOTHING: [&str; 0] = [];
 
-/// However a run ends, all its processes are gone after this time.
+/// All processes of a run are gone after this time, for any end.
 const NO_ORPHAN_AFTER: Duration = Duration::from_secs(2);
 
-/// A run that does not end by itself while somebody looks.
+/// A run that is longer than the test.
 fn endless() -> Vec<String> {
     experiment(1, 10_000_000)
 }
@@ -25,11 +25,10 @@ fn running(cluster: &Cluster, experiment: Vec<String>) -> (Process, Vec<Member>)
     (training, children)
 }
 
-/// Waits for the end of the launcher. Since `before` no more time may have passed than promised, and no
-/// child may live.
+/// Waits for the end of the launcher. Checks the time since `before`, and that no child is left.
 #[track_caller]
 fn ends_in_time(training: Process, children: &[Member], before: Instant) -> Ended {
-    // Before `wait`, which leaves no process of a test behind.
+    // Before `wait`, which kills remaining processes.
     wait_until("the children to be gone", || !children.iter().any(Member::is_alive));
     let ended = training.wait();
     assert!(before.elapsed() < NO_ORPHAN_AFTER, "{:?}", before.elapsed());
@@ -48,7 +47,7 @@ fn no_process_is_left_after_each_kind_of_signal_to_the_launcher() {
     }
 }
 
-/// Kills one role; the launcher must say which it was, end the others, and be resumable.
+/// Kills one role. The launcher must name it and end the others, and the run must be resumable.
 fn a_role_dies(role: &str, name: &str) {
     let cluster = Cluster::new();
     let (mut training, children) = running(&cluster, short());
@@ -57,7 +56,7 @@ fn a_role_dies(role: &str, name: &str) {
     victim.signal(Signal::SIGKILL);
     let ended = ends_in_time(training, &children, before);
     let says = format!("error: {name}: was ended by SIGKILL");
-    let advice = format!("hint: go on with `rondo resume {}`", cluster.path("run").display());
+    let advice = format!("hint: continue with `rondo resume {}`", cluster.path("run").display());
     ended.fails_with(75, &[&says, &advice]);
     cluster.resume("run").succeeds();
     assert_eq!(cluster.digest("run"), undisturbed());
@@ -84,11 +83,11 @@ fn a_role_that_hangs_does_not_keep_the_launcher_from_leaving() {
     let (mut training, children) = running(&cluster, endless());
     let hanging = training.child("agent-0");
     hanging.signal(Signal::SIGSTOP);
-    // The first asks for the end of the round, which does not come without agent 0.
+    // The first signal requests the end of the round, which does not come without agent 0.
     let first = Instant::now();
     training.signal(Signal::SIGINT);
     wait_until("an answer", || training.stderr().contains("stopping after this round"));
-    // The second, within a second, is the same request, and does not keep anybody from saving.
+    // The second, within a second, is the same request and does not prevent a save.
     training.signal(Signal::SIGINT);
     wait_until("a second to pass", || first.elapsed() > Duration::from_millis(1_100));
     assert!(training.is_alive() && children.iter().all(Member::is_alive));
@@ -132,7 +131,7 @@ fn a_team_saves_when_its_launcher_is_killed() {
 fn a_role_that_hangs_does_not_outlive_a_killed_launcher_either() {
     let cluster = Cluster::new();
     let (mut training, children) = running(&cluster, endless());
-    // It cannot notice by itself that the launcher is gone; the system wakes up what has stopped.
+    // A stopped process cannot notice the end of the launcher; the system continues it.
     let hanging = training.child("agent-0");
     hanging.signal(Signal::SIGSTOP);
     wait_until("agent 0 to stop", || hanging.has_stopped());

@@ -6,8 +6,8 @@ use crate::cluster::{role, rondo, short, undisturbed, Cluster, Process};
 use crate::hosts::Hosts;
 use crate::q_learning;
 
-/// In a mount namespace of its own: a small disk, a run on it, and a file that takes what is left of it as
-/// soon as there is a checkpoint. Then the file goes and the run is resumed.
+/// In a new mount namespace: a small disk, a run on it, and a file that fills the disk after the first checkpoint.
+/// Then the file is removed and the run is resumed.
 const STORY: &str = r#"
 disk=$1; rondo=$2; shift 2
 mount -t tmpfs -o size=16m tmpfs "$disk" || exit 99
@@ -33,7 +33,7 @@ fn a_full_disk_costs_no_experience_that_a_checkpoint_counts_on() {
     disk_fills_up(q_learning::foraging(), q_learning::undisturbed());
 }
 
-/// Plays the story with an experiment that comes to the digest `expected` when nothing disturbs it.
+/// Runs the test with an experiment whose undisturbed digest is `expected`.
 #[track_caller]
 fn disk_fills_up(experiment: Vec<String>, expected: &str) {
     let may_mount =
@@ -64,7 +64,7 @@ fn disk_fills_up(experiment: Vec<String>, expected: &str) {
 /// No file of this process may grow beyond `$1` times 512 bytes.
 const SMALL_FILES: &str = r#"trap '' XFSZ; ulimit -f "$1"; shift; exec "$@""#;
 
-/// Starts a role as one of several hosts, with room for files of `kib` only.
+/// Starts a role as on one of several hosts, with a limit of `kib` for its files.
 fn start_with_small_files(hosts: &Hosts, program: &str, folder: &str, kib: u32, more: &[&str]) -> Process {
     let mut command = Command::new("sh");
     command.args(["-c", SMALL_FILES, "sh", &(2 * kib).to_string()]).arg(role(program).get_program());
@@ -73,7 +73,7 @@ fn start_with_small_files(hosts: &Hosts, program: &str, folder: &str, kib: u32, 
     Process::start(command)
 }
 
-/// Starts everybody without bounds; the run must go on to its end.
+/// Starts all roles without limits; the run must complete.
 fn goes_on(hosts: &Hosts) {
     let everybody = [
         hosts.start_env_server(&[]),
@@ -114,7 +114,7 @@ fn an_episode_that_could_not_be_remembered_ends_the_run_before_anything_is_learn
     for other in [world, coordinator, other] {
         other.wait();
     }
-    // What did not fit is gone, what came before is whole.
+    // The incomplete part is gone; the part before is complete.
     let bytes = std::fs::metadata(&experience).expect("it is there").len();
     assert!(bytes < 64 * 1024, "the episode that failed was cut off: {bytes} bytes");
     goes_on(&hosts);

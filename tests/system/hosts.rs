@@ -1,4 +1,4 @@
-//! Roles started one by one, as on several hosts: own folders, explicit endpoints, any order.
+//! Roles started one by one, as on several hosts: separate folders, explicit endpoints, any order.
 
 use std::fs;
 use std::path::PathBuf;
@@ -8,7 +8,7 @@ use nix::sys::signal::Signal;
 
 use crate::cluster::{copy_into, experiment, role, rondo, short, undisturbed, wait_until, Cluster, Process};
 
-/// The roles of one run, each with a folder of its own.
+/// The roles of one run, each with a separate folder.
 pub struct Hosts {
     pub cluster: Cluster,
     /// Where the env-server and the coordinator listen.
@@ -17,7 +17,7 @@ pub struct Hosts {
 }
 
 impl Hosts {
-    /// Endpoints that are known before anybody listens there: Unix sockets.
+    /// Endpoints that are known before a process listens: Unix sockets.
     pub fn new(experiment: Vec<String>) -> Self {
         let cluster = Cluster::new();
         let socket = |name: &str| format!("unixsock-stream/{}", cluster.path(name).display());
@@ -41,7 +41,7 @@ impl Hosts {
         self.cluster.path("hosts").join(host)
     }
 
-    /// Where a role's traffic is written down.
+    /// The record of a role's traffic.
     pub fn record(&self, host: &str) -> PathBuf {
         self.cluster.path(&format!("{host}.jsonl"))
     }
@@ -111,7 +111,7 @@ fn roles_on_separate_addresses_and_folders_come_to_the_digest_of_one_machine() {
     for process in agents.into_iter().chain([world, coordinator]) {
         process.succeeds();
     }
-    // Nobody wrote what is another's: a host's folder holds its own role.
+    // A host's folder holds its own role only.
     for host in ["world", "coordinator", "agent-0", "agent-1"] {
         let roles = ["world", "coordinator", "agent-0", "agent-1"];
         let there = roles.map(|role| hosts.folder(host).join(role).exists());
@@ -122,7 +122,7 @@ fn roles_on_separate_addresses_and_folders_come_to_the_digest_of_one_machine() {
 
 #[test]
 fn agents_wait_for_a_coordinator_that_died_and_go_on_with_its_successor() {
-    // One episode a round: more update calls than a coordinator tells ahead.
+    // One episode a round: more update calls than a coordinator publishes ahead.
     let many_rounds = || {
         let mut words = experiment(1, 12_000);
         words.extend(["--envs=1", "--set=save.interval=50"].map(str::to_owned));
@@ -160,7 +160,7 @@ fn an_env_server_that_is_asked_to_stop_sends_everybody_home_to_go_on_later() {
         let ended = process.wait();
         assert_eq!((ended.code, ended.stderr.as_str()), (Some(75), ""), "stopping is no error");
     }
-    // The coordinator keeps nothing that would have to be resumed.
+    // The coordinator has no state to resume.
     coordinator.succeeds();
 
     let servers = [hosts.start_env_server(&[]), hosts.start_coordinator(&[])];
@@ -177,7 +177,7 @@ fn progress(hosts: &Hosts) -> usize {
     hosts.recorded("agent-0").iter().filter(reports).count()
 }
 
-/// How often agents have asked for the schedule.
+/// Number of queries for the schedule.
 fn asked(hosts: &Hosts) -> usize {
     let question = |line: &serde_json::Value| line["op"] == "asked" && line["key"] == "rondo/run/schedule";
     let lines = ["agent-0", "agent-1"].map(|host| hosts.recorded(host)).concat();
@@ -200,7 +200,7 @@ fn an_agent_with_another_folder_is_refused_and_nobody_loses_a_checkpoint() {
     }
     coordinator.succeeds();
 
-    // As a mistyped `--out`: agent 1 comes with a folder that holds nothing.
+    // As with a mistyped `--out`: agent 1 has an empty folder.
     let right = hosts.folder("agent-1").with_file_name("right");
     std::fs::rename(hosts.folder("agent-1"), &right).expect("renamed");
     let rounds = |host: &str, role: &str| {
@@ -217,7 +217,7 @@ fn an_agent_with_another_folder_is_refused_and_nobody_loses_a_checkpoint() {
     assert_eq!(coordinator.wait().code, Some(75));
     assert_eq!([rounds("world", "world"), rounds("agent-0", "agent-0")], before);
 
-    // On request the run starts from the beginning, and what was there is kept.
+    // On request the run starts from the beginning, and the old state is kept.
     let ([world, coordinator], agents) = start(&["--start-over"]);
     for process in agents.into_iter().chain([world, coordinator]) {
         process.succeeds();

@@ -1,5 +1,5 @@
-//! What crosses the bus, message by message: nothing but what the protocol lists, from nobody but those it
-//! names, and no learning without a schedule.
+//! All messages on the bus: only those that the protocol lists, from the senders that it names; and no learning
+//! without a schedule.
 
 use std::fs;
 
@@ -14,7 +14,7 @@ use crate::hosts::Hosts;
 /// The name that `rondo config` gives a run.
 const RUN: &str = "run";
 
-/// Who wrote a record.
+/// The role of a record.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Role {
     World,
@@ -100,7 +100,7 @@ pub fn unhex(text: &str) -> Vec<u8> {
     (0..text.len()).step_by(2).map(digits).collect()
 }
 
-/// Checks every line that a role recorded; gives how many payloads there were on each key.
+/// Checks every recorded line of a role. Returns the number of payloads on each key.
 fn audit(hosts: &Hosts, host: &str, role: Role) -> Vec<(Key, usize)> {
     let keys = Keys::new(RUN).expect("a good name");
     let mut seen: Vec<(Key, usize)> = Vec::new();
@@ -142,7 +142,7 @@ fn every_message_of_a_run_is_one_that_the_protocol_lists_for_its_sender() {
     let coordinator = audit(&hosts, "coordinator", Role::Coordinator);
     let agents = [0, 1].map(|id| audit(&hosts, &format!("agent-{id}"), Role::Agent(id)));
 
-    // The audit was of whole conversations: each tick answered, each update call reported.
+    // The audit covers complete conversations: each tick is answered, each update call reported.
     let count = |seen: &[(Key, usize)], key: Key| {
         seen.iter().find(|(of, _)| *of == key).map_or(0, |&(_, count)| count)
     };
@@ -163,7 +163,7 @@ fn every_message_of_a_run_is_one_that_the_protocol_lists_for_its_sender() {
 #[test]
 fn an_agent_never_learns_in_an_update_call_that_no_schedule_covers() {
     let mut hosts = Hosts::new(short());
-    // Somebody who listens where the coordinator should, takes every connection and says nothing.
+    // A process that listens in the coordinator's place, accepts every connection and sends nothing.
     let silent =
         bus::open(&bus::Options { listen: vec![hosts.coordinator.clone()], ..bus::Options::default() });
     let silent = silent.expect("it can listen");
@@ -180,7 +180,7 @@ fn an_agent_never_learns_in_an_update_call_that_no_schedule_covers() {
             ],
         );
     }
-    world.wait().fails_with(75, &["has left the run and did not come back within 5s"]);
+    world.wait().fails_with(75, &["left the run and did not come back within 5s"]);
     for id in [0, 1] {
         let host = format!("agent-{id}");
         let reports = format!("rondo/run/agent/{id}/progress");

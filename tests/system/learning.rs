@@ -1,4 +1,4 @@
-//! What the schedule does to learning, by the weights that whole runs come to (algorithms §6).
+//! The effect of the schedule on learning, seen in the weights of whole runs (algorithms §6).
 
 use std::fs;
 
@@ -56,12 +56,12 @@ fn with_equal_rates_the_period_does_not_matter_and_it_is_independent_q_learning(
 #[test]
 fn in_sequential_q_learning_an_agent_that_never_has_its_turn_keeps_its_first_weights() {
     let weights = |words: &[&str]| weights_after(foraging_with("sql"), words);
-    // A single episode, of which nothing is learned yet.
+    // A single episode, without learning yet.
     let untrained = weights(&["--set=t_max=1"]);
     let one_learns = weights(&["--set=schedule.switch_period=inf"]);
     assert_ne!(one_learns[0], untrained[0]);
     assert_eq!(one_learns[1], untrained[1]);
-    // Where turns are taken, agent 1 learns too, and agent 0 stands still meanwhile.
+    // With turns, agent 1 learns too, and agent 0 does not change meanwhile.
     let in_turns = weights(&[]);
     assert_ne!(in_turns[1], untrained[1]);
     assert_ne!(in_turns[0], one_learns[0]);
@@ -119,7 +119,7 @@ fn the_rules_for_the_end_of_a_batch_are_one_where_every_episode_has_full_length(
     let of = |rule: &str| digest(&speaking, &[&format!("--set=ppo.end_of_batch={rule}")]);
     let correct = of("correct");
     assert_eq!(of("epymarl"), correct);
-    // The rule is used all the same.
+    // The rule is used.
     assert_ne!(of("no_bootstrap"), correct);
 }
 

@@ -1,7 +1,7 @@
-//! The whole system: real processes on real sockets, stopped, killed, cut off from their disk and lied to.
+//! The whole system: real processes on real sockets, with stops, kills, full disks and malicious messages.
 //!
-//! Almost every test ends with the same question: does the run come to the same digest? [`cluster`] hides
-//! folders, processes and cleanup; the other files tell one story each.
+//! Almost every test checks in the end that the run has the same digest. [`cluster`] hides folders, processes and
+//! cleanup; each other file covers one subject.
 
 mod cluster;
 

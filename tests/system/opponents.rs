@@ -1,5 +1,4 @@
-//! Who plays what the team does not control: chosen by word or by a file, kept with the run, and the same to its
-//! end.
+//! Opponents: chosen by name or by a file, stored with the run, and the same until its end.
 
 use std::fs;
 use std::path::PathBuf;
@@ -10,7 +9,7 @@ use crate::bad_input::refused;
 use crate::cluster::{rondo, Cluster, Process};
 use crate::hosts::Hosts;
 
-/// Where a run keeps its opponent.
+/// The opponent's file in a run folder.
 const KEPT: &str = "opponent.safetensors";
 
 /// Numbers that the prey of Tag sees.
@@ -32,7 +31,7 @@ fn tag() -> Vec<String> {
     words.map(str::to_owned).into()
 }
 
-/// The file of a frozen network that chooses one action whatever it sees.
+/// The file of a frozen network that always chooses the same action.
 fn network(inputs: usize, action: usize) -> Vec<u8> {
     let mut scores = vec![0.0; 5];
     scores[action] = 1.0;
@@ -87,7 +86,7 @@ fn other_opponents_lead_to_other_results_and_each_to_one() {
     let (path, word) = opponent_file(&cluster, "network.safetensors", &network(PREY_SEES, 1));
     let weights = of("weights", &[&word]);
     assert!(weights != random && weights != still && weights != builtin);
-    // A network that always chooses to do nothing plays like one that is told to.
+    // A network that always does nothing plays like the opponent `still`.
     fs::write(path, network(PREY_SEES, 0)).expect("written");
     assert_eq!(of("idle", &[&word]), still);
     for run in ["builtin", "random", "still"] {
@@ -125,7 +124,7 @@ fn a_file_of_weights_is_copied_into_the_run_which_needs_no_other() {
     let digest = store::digest_of(&bytes);
     assert!(config.contains(&format!("opponent = \"{digest}\"")), "{config}");
 
-    // Another file in its place would be another world.
+    // Another file would be another world.
     let other = network(PREY_SEES, 3);
     fs::write(&kept, &other).expect("written");
     let says = format!(
@@ -246,7 +245,7 @@ fn a_run_in_processes_keeps_its_opponent_through_a_kill() {
     assert_eq!(cluster.digest("run"), undisturbed);
 }
 
-/// What a run's `result.json` says about comparing its returns with published ones.
+/// The note in a run's `result.json` about comparing its returns with published ones.
 fn not_comparable(cluster: &Cluster, run: &str) -> serde_json::Value {
     let text = fs::read_to_string(cluster.path(run).join("result.json")).expect("a result");
     let result: serde_json::Value = serde_json::from_str(&text).expect("JSON");
@@ -269,7 +268,7 @@ fn a_run_against_our_own_opponent_says_that_the_papers_is_another_one() {
         let result = not_comparable(&cluster, "paper");
         assert!(result.as_str().is_some_and(|text| text.starts_with(&expected)), "{result}");
 
-        // Going on with it, and looking at it.
+        // Resuming and reading it.
         let ended = cluster.resume_with("paper", ["--t-max=7000", "--in-process"]).succeeds();
         assert_eq!(ended.stderr.matches(&note).count(), 1, "{ended:#?}");
         let mut eval = rondo();

@@ -1,4 +1,4 @@
-//! Letting a trained team play: `rondo eval` counts, `rondo render` draws, and neither changes the run.
+//! Playing with a trained team: `rondo eval` reports, `rondo render` draws, and neither changes the run.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ fn trained(experiment: Vec<String>) -> Cluster {
     cluster
 }
 
-/// `rondo COMMAND RUN` with these words, in a folder of its own beside the run.
+/// `rondo COMMAND RUN` with these words, in a new folder beside the run.
 fn play(cluster: &Cluster, command: &str, words: &[&str]) -> Process {
     fs::create_dir_all(cluster.path("here")).expect("created");
     let mut process = rondo();
@@ -26,7 +26,7 @@ fn json(path: &Path) -> serde_json::Value {
     serde_json::from_str(&text).expect("an evaluation is JSON")
 }
 
-/// Evaluates, and gives what was written.
+/// Evaluates, and returns the written result.
 fn evaluation(cluster: &Cluster, words: &[&str]) -> serde_json::Value {
     play(cluster, "eval", &[words, &["--json=result.json"]].concat()).succeeds();
     json(&cluster.path("here").join("result.json"))
@@ -44,12 +44,12 @@ fn an_evaluation_says_the_same_every_time_and_changes_nothing() {
     let first = evaluation(&cluster, &words);
     assert_eq!(evaluation(&cluster, &words), first);
     assert_ne!(evaluation(&cluster, &["--episodes=40", "--seed=4"])["returns"], first["returns"]);
-    // Chance belongs to an episode: fewer of them are the first of the many.
+    // Each episode has its own random stream: fewer episodes are the first of many.
     let few = numbers(&evaluation(&cluster, &["--episodes=7", "--seed=3"])["returns"]);
     assert_eq!(few, numbers(&first["returns"])[..7]);
     assert_eq!(cluster.digest("run"), before);
 
-    // Without a name the result goes into the run folder, where it disturbs neither digest nor resume.
+    // Without a name the result is written into the run folder, where it affects neither digest nor resume.
     play(&cluster, "eval", &words).succeeds();
     assert_eq!(json(&cluster.path("run").join("evaluation.json")), first);
     cluster.resume("run").succeeds();
@@ -133,11 +133,11 @@ fn what_cannot_be_evaluated_is_refused_before_anything_is_written() {
     refused(&[], 78, &[&apart, "agent-1 has no folder here", copy]);
     assert!(!there.exists(), "looking creates nothing");
     fs::create_dir(&there).expect("created");
-    refused(&[], 78, &[&apart, "agent-1 has no whole checkpoint", copy]);
-    // A run that has not come to its first checkpoint.
+    refused(&[], 78, &[&apart, "agent-1 has no complete checkpoint", copy]);
+    // A run before its first checkpoint.
     let (checkpoints, aside) = (run.join("agent-0").join("checkpoints"), cluster.path("checkpoints"));
     fs::rename(&checkpoints, &aside).expect("moved");
-    let young = "agent-0 has no whole checkpoint, agent-1 has no whole checkpoint\nhint: `rondo resume` it until its \
+    let young = "agent-0 has no complete checkpoint, agent-1 has no complete checkpoint\nhint: `rondo resume` it until its \
                  first checkpoint, or copy here";
     refused(&[], 78, &[&apart, young]);
     fs::rename(&aside, &checkpoints).expect("moved");
@@ -170,7 +170,7 @@ fn a_digest_of_a_part_of_a_run_says_what_is_missing() {
         .stdout
         .contains("digest    none, this is a part of a run\n"));
     fs::rename(cluster.path("agent-1"), run.join("agent-1")).expect("moved");
-    // A configuration that was cut while it was copied.
+    // An incompletely copied configuration.
     let config = fs::read_to_string(run.join("config.toml")).expect("read");
     fs::write(run.join("config.toml"), &config[..20]).expect("written");
     let half =

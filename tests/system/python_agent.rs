@@ -1,4 +1,4 @@
-//! The agent in Python that stands beside the protocol's page, in a team with one of Rondo's own.
+//! The agent in Python of the protocol's page, in a team with one of Rondo's own.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -17,13 +17,13 @@ fn agent_py() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/agent-in-python/agent.py")
 }
 
-/// Whether Python can run the agent. If not, a line on stderr names the test that could not be made; `.ci/run`
-/// counts these lines as skipped tests, and installs the packages so that there are none.
+/// Whether Python can run the agent. If not, a line on stderr names the skipped test. `.ci/run` counts these lines as
+/// skipped tests, and installs the packages so that there are none.
 fn can_run(test: &str) -> bool {
     let program = "import sys, tomllib, zenoh, blake3; assert sys.version_info >= (3, 11)";
     let here = Command::new("python3").args(["-c", program]).output().is_ok_and(|done| done.status.success());
     if !here {
-        // Not by `eprintln!`, which is held back while a test passes.
+        // Not with `eprintln!`, whose output is hidden if the test passes.
         let text = format!(
             "skipped: python_agent::{test} needs python3, 3.11 or newer, with the packages of \
              docs/agent-in-python/requirements.txt\n"
@@ -33,7 +33,7 @@ fn can_run(test: &str) -> bool {
     here
 }
 
-/// A run whose second agent is the one in Python, each role on an address and in a folder of its own.
+/// A run whose second agent is the one in Python. Each role has a separate address and folder.
 struct Team {
     hosts: Hosts,
     world: Process,
@@ -65,14 +65,14 @@ impl Team {
         names.filter(|entry| entry.file_name().to_string_lossy().starts_with("round-")).count()
     }
 
-    /// The ends of env-server, agent in Rust and agent in Python. The coordinator's is always a good one.
+    /// The ends of env-server, agent in Rust and agent in Python. The coordinator always ends with 0.
     fn ends(self) -> (Hosts, [Ended; 3]) {
         let ends = [self.python, self.rust, self.world].map(Process::wait);
         self.coordinator.succeeds();
         (self.hosts, ends)
     }
 
-    /// The digest of a run that comes to its end.
+    /// The digest of a complete run.
     fn finishes(self) -> String {
         let (hosts, ends) = self.ends();
         for ended in &ends {
@@ -102,7 +102,7 @@ fn plays_through_a_stop(experiment: fn() -> Vec<String>, stop: fn(&Team) -> &Pro
 #[test]
 fn it_plays_a_ppo_run_through_its_own_stop_and_a_resume_to_the_finish() {
     if can_run("it_plays_a_ppo_run_through_its_own_stop_and_a_resume_to_the_finish") {
-        plays_through_a_stop(short, |team| &team.python, "agent 1 has left the run");
+        plays_through_a_stop(short, |team| &team.python, "agent 1 left the run");
     }
 }
 
@@ -113,7 +113,7 @@ fn it_plays_a_q_learning_run_through_a_stop_of_the_world_and_a_resume_to_the_fin
     }
 }
 
-/// An agent with another configuration, or with a number that the team does not have, leaves with the reason.
+/// An agent with another configuration or an unknown id leaves with the reason.
 #[test]
 fn it_leaves_with_the_reason_when_it_is_refused() {
     if !can_run("it_leaves_with_the_reason_when_it_is_refused") {

@@ -1,4 +1,5 @@
-//! Q-learning as whole runs: one result whatever runs it, and an update call for every episode (algorithms §5.1).
+//! Whole runs of Q-learning: one result in processes and threads, and an update call for every episode
+//! (algorithms §5.1).
 
 use std::fs;
 use std::sync::OnceLock;
@@ -7,17 +8,16 @@ use crate::cluster::Cluster;
 
 const NOTHING: [&str; 0] = [];
 
-/// Episodes in a minibatch of [`experiment`]: with fewer remembered nothing is learned.
+/// Episodes in a minibatch of [`experiment`]: with fewer stored episodes there is no update call.
 pub const BATCH: u64 = 4;
 
-/// Episodes that an agent remembers in [`experiment`], a fraction of those that it plays.
+/// Capacity of the buffer in [`experiment`], a fraction of the played episodes.
 pub const BUFFER: u64 = 16;
 
 /// Rounds between two checkpoints in [`experiment`].
 pub const SAVE_INTERVAL: u64 = 5;
 
-/// A run of two agents in which chance soon leaves the choice to the networks, targets are copied and turns
-/// taken several times.
+/// A run of two agents in which ε falls quickly, and targets are copied and turns taken several times.
 fn experiment(task: &str, algo: &str, t_max: u64) -> Vec<String> {
     let words = [
         task.to_owned(),
@@ -59,7 +59,7 @@ pub fn speaking_with(algo: &str) -> Vec<String> {
     experiment("mpe-simple-speaker-listener", algo, 1_500)
 }
 
-/// The digest line that [`foraging`] comes to when nothing disturbs it; worked out once for all tests.
+/// The digest line of [`foraging`] without a disturbance; computed once for all tests.
 pub fn undisturbed() -> &'static str {
     static DIGEST: OnceLock<String> = OnceLock::new();
     DIGEST.get_or_init(|| {
@@ -141,7 +141,7 @@ fn a_team_that_shares_its_reward_comes_to_the_same_statistics_unless_each_agent_
         let more = [format!("--set=q.draws={draws}"), "--reward=sum".to_owned(), "--in-process".to_owned()];
         cluster.train(draws, foraging_with("iql"), &more).succeeds();
         let stats = [0, 1].map(|agent| reward_stats(&cluster, draws, agent));
-        // Numbers are written so that they come back with the same bits.
+        // Numbers are written so that they parse to the same bits.
         assert_eq!(stats[0] == stats[1], equal, "{draws}: {stats:?}");
     }
     assert_ne!(cluster.digest("joint"), cluster.digest("independent"));

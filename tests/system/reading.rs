@@ -1,4 +1,4 @@
-//! Reading runs: what is damaged or too young is left out and named, what is there is drawn and compared.
+//! Reading runs: damaged and new runs are skipped and named, the others are drawn and compared.
 
 use std::fs;
 
@@ -33,7 +33,7 @@ fn a_young_and_a_damaged_seed_do_not_keep_the_others_from_being_drawn_and_compar
     fs::create_dir(cluster.path("runs/seed-3")).expect("created");
     let third = config.replace("seed = 1", "seed = 3");
     fs::write(cluster.path("runs/seed-3/config.toml"), third).expect("written");
-    // As Python's json writes a mean over nothing, in a metric that nobody asked for.
+    // As Python's json writes a mean over nothing, in another metric.
     let rows = cluster.path("runs/seed-2/world/metrics.jsonl");
     let text = fs::read_to_string(&rows).expect("rows");
     let start = text.find("\"return_mean\":").expect("a return") + "\"return_mean\":".len();

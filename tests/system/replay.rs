@@ -1,4 +1,4 @@
-//! Resuming learners that remember: what the replay buffer holds is part of where a run goes on.
+//! Resuming Q-learning: the content of the replay buffer is part of the resumed state.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -11,7 +11,7 @@ use crate::q_learning::{foraging, speaking, undisturbed, BUFFER, SAVE_INTERVAL};
 
 const NOTHING: [&str; 0] = [];
 
-/// What an agent's checkpoint says of its learner: update calls made, episodes ever remembered.
+/// Update calls and stored episodes in an agent's checkpoint.
 fn counters(run: &RunFolder, role: &str, round: u64) -> (u64, u64) {
     let text = fs::read(run.checkpoint(role, round).join("state.bin")).expect("a state");
     let state: serde_json::Value = serde_json::from_slice(&text).expect("the state is JSON");
@@ -20,8 +20,8 @@ fn counters(run: &RunFolder, role: &str, round: u64) -> (u64, u64) {
     (number(&learner["counters"]["update_calls"]), number(&learner["remembered"]))
 }
 
-/// Kills one role in the middle of the run, after episodes have left the buffer; the launcher must say which
-/// it was, and the run resumed must come to what it always comes to.
+/// Kills one role in the middle of the run, after episodes have left the buffer. The launcher must name it, and the
+/// resumed run must have the usual digest.
 fn a_role_is_killed(role: &str, name: &str) {
     let cluster = Cluster::new();
     let mut training = cluster.train("run", foraging(), NOTHING);
@@ -63,7 +63,7 @@ fn everybody_killed_at_once_and_again_goes_on_with_what_they_remembered() {
 fn killed_before_the_first_update_call() {
     let cluster = Cluster::new();
     let run = cluster.run("run");
-    // So long a warm-up that it is met for sure.
+    // A warm-up long enough to interrupt it.
     let words =
         || [foraging(), ["q.batch=60", "q.buffer=70"].map(|set| format!("--set={set}")).into()].concat();
     cluster.train("undisturbed", words(), ["--in-process"]).succeeds();
@@ -176,7 +176,7 @@ fn damaged_experience_is_refused_and_left_as_it_is() {
         assert!(before == after, "{says}");
     }
 
-    // Copied back, it is as if nothing had happened.
+    // With the file copied back, the run continues as before.
     fs::write(&file, &whole).expect("written");
     cluster.resume("run").succeeds();
     assert_eq!(cluster.digest("run"), undisturbed());

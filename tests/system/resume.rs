@@ -1,4 +1,4 @@
-//! Save and resume: whatever ends a run, resuming it comes to the digest of the run that nothing disturbed.
+//! Save and resume: after any end of a run, resuming it gives the digest of an undisturbed run.
 
 use std::fs;
 use std::path::Path;
@@ -31,7 +31,7 @@ fn an_interrupted_run_saves_says_how_to_go_on_and_comes_to_the_same_digest() {
     let advice = format!("stopped early; continue with `rondo resume {}`", cluster.path("run").display());
     assert!(ended.stdout.contains(&advice), "{ended:#?}");
 
-    // Everybody saved the round edge at which they left.
+    // Every role saved the state at which it left.
     let newest = |role: &str| cluster.run("run").checkpoints(role).last().copied();
     let (world, first, second) = (newest("world"), newest("agent-0"), newest("agent-1"));
     assert!(world.is_some_and(|round| round > 0));
@@ -56,7 +56,7 @@ fn a_finished_run_is_resumed_without_changing_anything() {
     resumes(&cluster);
 }
 
-/// Kills every process of the run as soon as `moment` has come.
+/// Kills every process of the run when `moment` holds.
 #[track_caller]
 fn killed(cluster: &Cluster, moment: impl FnMut() -> bool, what: &str) {
     let training = cluster.train("run", short(), NOTHING);
@@ -67,7 +67,7 @@ fn killed(cluster: &Cluster, moment: impl FnMut() -> bool, what: &str) {
 #[test]
 fn killed_before_the_first_checkpoint() {
     let cluster = Cluster::new();
-    // How often a run is saved is no part of its result.
+    // The interval of checkpoints does not affect the result.
     let training = cluster.train("run", short(), ["--set=save.interval=1000"]);
     cluster.run("run").reaches(3_000);
     training.kill_all();
@@ -90,7 +90,7 @@ fn killed_while_checkpoints_are_written_and_removed() {
     let cluster = Cluster::new();
     let run = cluster.run("run");
     killed(&cluster, || run.checkpoints("agent-1").len() == 2, "two checkpoints");
-    // What a kill leaves in the middle of each: some of the files under a name that says so.
+    // A kill in the middle of a save or a removal leaves some of the files under a special name.
     let kept = run.checkpoint("agent-1", *run.checkpoints("agent-1").last().expect("it has saved"));
     for unfinished in [".writing-round-000000000016", ".removing-round-000000000004"] {
         let folder = kept.with_file_name(unfinished);
@@ -113,7 +113,7 @@ fn killed_in_the_middle() {
 #[test]
 fn killed_in_a_test() {
     let cluster = Cluster::new();
-    // Tests of a thousand episodes last long enough to be met.
+    // Tests of a thousand episodes are long enough to interrupt one.
     let long_tests = || {
         experiment(1, 5_000)
             .into_iter()
@@ -162,7 +162,7 @@ fn one_agent_holds_a_newer_checkpoint_than_the_others() {
         || ["world", "agent-0", "agent-1"].iter().all(|role| two(role)),
         "two checkpoints of all",
     );
-    // As if agent 0 alone had come to its next save: agent 1 and the world have only the one before.
+    // As if only agent 0 had made its next save: agent 1 and the world have the one before.
     for role in ["world", "agent-1"] {
         let rounds = run.checkpoints(role);
         fs::remove_dir_all(run.checkpoint(role, *rounds.last().expect("it has saved"))).expect("removed");
@@ -219,7 +219,7 @@ fn a_socket_that_is_still_held_is_waited_for_and_then_named() {
     assert_eq!(training.wait().code, Some(75));
     let socket = cluster.path("run").join("bus").join("monitor.sock");
     fs::create_dir(cluster.path("run").join("bus")).expect("created");
-    // As processes of the run do that have been killed and are not quite gone.
+    // As killed processes of the run that have not ended yet.
     let lock = fs::File::create(socket.with_extension("sock.lock")).expect("created");
     let lock = Flock::lock(lock, FlockArg::LockExclusiveNonblock).expect("nobody else has it");
     cluster.resume("run").wait().fails_with(
@@ -242,7 +242,7 @@ fn a_run_that_goes_on_cannot_be_resumed_a_second_time() {
     cluster.run("run").reaches(1_000);
     let path = cluster.path("run").display().to_string();
     let says =
-        format!("error: another rondo is busy with the run in {path}\nhint: wait until it ends, or stop it");
+        format!("error: another `rondo` process is running {path}\nhint: wait until it ends, or stop it");
     cluster.resume("run").wait().fails_with(75, &[&says]);
     training.succeeds();
     assert_eq!(cluster.digest("run"), undisturbed());

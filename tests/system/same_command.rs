@@ -1,4 +1,4 @@
-//! The same command again: an unfinished run goes on, a finished one is left, another configuration is refused.
+//! The same command again: an unfinished run continues, a finished one stays, another configuration is refused.
 
 use nix::sys::signal::Signal;
 
@@ -86,7 +86,7 @@ fn a_finished_run_can_be_trained_longer_but_not_shorter() {
     let resume = |t_max: &str| cluster.resume_with("run", [t_max]);
     resume("--t-max=8000")
         .wait()
-        .fails_with(78, &["a run cannot go on with this change: `t_max` is 8000 and was 9000"]);
+        .fails_with(78, &["a run cannot continue with this change: `t_max` is 8000 and was 9000"]);
     resume("--t-max=12000").succeeds();
     assert!(cluster.run("run").t_env() >= 12_000);
 }

@@ -15,7 +15,7 @@ fn seeds_side_by_side_come_to_the_results_of_single_runs() {
     assert_eq!(cluster.digest("sweep/seed-2"), cluster.digest("second"));
 }
 
-/// Signals a sweep of two teams side by side; gives its exit code when nobody of them is left.
+/// Signals a sweep of two teams side by side. Returns its exit code when all processes are gone.
 fn end_a_sweep_with(signal: Signal) -> (Cluster, Option<i32>) {
     let cluster = Cluster::new();
     let endless = experiment(1, 10_000_000);
@@ -26,7 +26,7 @@ fn end_a_sweep_with(signal: Signal) -> (Cluster, Option<i32>) {
     assert_eq!(everybody.len(), 10, "two launchers with four roles each");
     let before = Instant::now();
     sweep.signal(signal);
-    // Before `wait`, which leaves no process of a test behind.
+    // Before `wait`, which kills remaining processes.
     wait_until("everybody to be gone", || !everybody.iter().any(Member::is_alive));
     let ended = sweep.wait();
     assert!(before.elapsed() < Duration::from_secs(3), "{:?}", before.elapsed());

@@ -1,5 +1,5 @@
-//! Peers that send anything at all: garbage is dropped, the wrong ones are refused with a reason, and the run
-//! does not notice.
+//! Foreign peers that send arbitrary bytes: garbage is dropped, wrong requests are refused with a reason, and the run
+//! is not affected.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,14 +25,14 @@ fn config(hosts: &Hosts) -> Config {
     Config::from_toml(&text).expect("it is one")
 }
 
-/// A peer of nobody's that dials one endpoint.
+/// A foreign peer that dials one endpoint.
 fn stranger(hosts: &Hosts, endpoint: &str) -> Arc<dyn Bus> {
     let low_latency = config(hosts).bus.low_latency;
     let options = Options { connect: vec![endpoint.to_owned()], low_latency, ..Options::default() };
     bus::open(&options).expect("it listens")
 }
 
-/// Bytes that look random and are the same each time: the upper ones of a linear congruential generator.
+/// Pseudo-random bytes, the same in each run: the upper ones of a linear congruential generator.
 fn noise(seed: u64) -> Vec<u8> {
     let mut state = seed;
     let mut next = || {
@@ -42,7 +42,7 @@ fn noise(seed: u64) -> Vec<u8> {
     (0..seed * 37 % 2_000).map(|_| next()).collect()
 }
 
-/// Variations on messages that are nearly right.
+/// Variations of valid messages.
 fn nearly(seed: u64) -> Vec<Vec<u8>> {
     let mut act = Vec::new();
     let id = seed % 100;
@@ -95,7 +95,7 @@ fn a_run_comes_to_its_digest_while_strangers_send_garbage_on_every_key() {
                 publisher.send(&message).expect("the stranger's own side works");
             }
         }
-        // Questions are answered, so that they also set the pace.
+        // Queries are answered, so they also set the pace.
         // None comes before the env-server serves the key, and when it has left.
         if let Some(reply) =
             to_world.ask(&keys.join(seed as u32 % 3), &noise(seed), ANSWER).expect("it can ask")
@@ -186,7 +186,7 @@ fn peers_of_another_version_or_configuration_are_refused_with_the_reason() {
     assert!(matches!(ask(1, b"hello"), Refusal::Version { .. }));
     assert!(matches!(ask(1, &[WIRE_VERSION, 3, 255]), Refusal::Malformed(_)));
 
-    // None of them has taken a seat: the team comes, and the run is what it always is.
+    // None of them has taken a seat: the team joins, and the run has the usual digest.
     drop(stranger);
     let coordinator = hosts.start_coordinator(&[]);
     let agents = [hosts.start_agent(0, &[]), hosts.start_agent(1, &[])];

@@ -1,4 +1,4 @@
-//! What a person sees of a run, on every kind of terminal and on none: progress, in each of them.
+//! The display of a run on every kind of terminal and without one: all show progress.
 
 use std::process::Command;
 
@@ -14,7 +14,7 @@ fn train(cluster: &Cluster) -> Command {
     command
 }
 
-/// What a terminal of so many columns shows of a run on stderr, with these changes of the environment.
+/// The stderr of a run in a terminal with so many columns and these environment variables.
 fn on_a_terminal(columns: u32, environment: &str) -> String {
     let cluster = Cluster::new();
     let train = train(&cluster);
@@ -71,7 +71,7 @@ fn a_terminal_of_twenty_columns_gets_the_progress_alone() {
 fn without_colours_there_is_progress_too() {
     let seen = on_a_terminal(80, "NO_COLOR=1");
     shows_progress(&seen);
-    // No attribute of text, bold or colour: only the cursor moves.
+    // No bold and no colours: only the cursor moves.
     assert!(is_live(&seen) && !seen.contains("\u{1b}[1m"), "{seen:?}");
 }
 

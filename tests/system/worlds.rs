@@ -11,7 +11,7 @@ use crate::isolation::unhex;
 
 const ALGORITHMS: [&str; 6] = ["ippo", "mtppo", "sppo", "iql", "mtql", "sql"];
 
-/// Trains for a few episodes with every algorithm, and looks at what every role has to say about it.
+/// Trains for a few episodes with every algorithm, and checks the results of every role.
 fn is_learned_in(task: &[&str], agents: u32) {
     for algo in ALGORITHMS {
         let cluster = Cluster::new();
@@ -95,7 +95,7 @@ fn number(row: &serde_json::Value, name: &str) -> f64 {
 fn rewards_are_summed_averaged_or_each_agents_own() {
     let ((sum, of_sum), (mean, of_mean), (own, of_own)) =
         (rows_with("sum"), rows_with("mean"), rows_with("individual"));
-    // Nobody has learned anything in the first round: the same episodes, counted in three ways.
+    // Nothing is learned before the first round: the same episodes, with three kinds of rewards.
     let total = number(&sum[0], "return_mean");
     assert!(total > 0.0, "somebody has found food by chance");
     assert_eq!(number(&mean[0], "return_mean"), total / 2.0);
@@ -110,7 +110,7 @@ fn rewards_are_summed_averaged_or_each_agents_own() {
         let each = [number(test, "test_agent_0_return_mean"), number(test, "test_agent_1_return_mean")];
         assert!((each[0] + each[1] - number(test, "test_return_mean")).abs() < 1e-9, "{test}");
     }
-    // A team's rewards are nobody's own.
+    // With the team's reward there are no separate returns.
     for row in sum.iter().chain(&mean) {
         assert!(row.as_object().expect("a row").keys().all(|name| !name.contains("agent_0")), "{row}");
     }

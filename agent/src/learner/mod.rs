@@ -1,5 +1,4 @@
-//! Between this process and the pure learners: ticks become inputs, rounds become lessons, state becomes
-//! checkpoints.
+//! Connects this process with the learners of `algos`: ticks to inputs, rounds to lessons, state to checkpoints.
 
 mod algorithm;
 mod off_policy;
@@ -31,23 +30,23 @@ pub use algos::learner::Scalars;
 pub use off_policy::OffPolicy;
 pub use on_policy::OnPolicy;
 
-/// What a checkpoint holds beside the tensors.
+/// The part of a checkpoint that is not a tensor.
 #[derive(Serialize, Deserialize)]
 pub struct Saved {
     /// Training rounds completed.
     rounds: u64,
     /// The kind of learner and its counters.
     counters: Map<String, Value>,
-    /// Scalars that no metric row has yet.
+    /// Scalars that are not yet in a metric row.
     pub unlogged: Unlogged,
-    /// How far metrics.jsonl had come.
+    /// Position in metrics.jsonl.
     pub metrics: Position,
-    /// The kind of device that the last round was learned on.
+    /// The kind of device of the last round's update calls.
     #[serde(default = "on_cpu")]
     pub device: String,
 }
 
-/// What checkpoints were made on that say nothing about it.
+/// Device of checkpoints that record none.
 fn on_cpu() -> String {
     DeviceName::Cpu.kind().to_owned()
 }
@@ -63,7 +62,7 @@ pub struct Learner {
     device_kind: &'static str,
     rollout: Rollout,
     actions: Vec<u16>,
-    /// Rows that still run, when not all of a tick do.
+    /// Buffers for the running rows of a tick in which not all rows run.
     running: Running,
 }
 
@@ -75,7 +74,7 @@ struct Running {
 }
 
 impl Learner {
-    /// A learner with the initial weights that seed and id determine, for acting.
+    /// A learner for acting, with the initial weights that follow from seed and id.
     pub fn new(config: &Config, id: u32, (obs_size, n_actions): (usize, usize)) -> Self {
         let mut rng = stream(config.seed, &owner(id), "initial-weights", &[]);
         let input = Input::new(&config.algo, (id, config.world.agents), (obs_size, n_actions));
@@ -94,10 +93,10 @@ impl Learner {
         }
     }
 
-    /// A learner that will learn, from the round that its seat names; with what else its checkpoint holds.
+    /// A learner for training, from the round of its seat, and the rest of that checkpoint.
     ///
     /// # Errors
-    /// If the checkpoint is of another kind of learner or cannot be read, or the disk fails.
+    /// If the checkpoint is of another kind of learner or cannot be read, or on I/O errors.
     pub fn start(
         config: &Config,
         id: u32,
@@ -113,21 +112,21 @@ impl Learner {
         Ok((learner, saved))
     }
 
-    /// From now on computes on this device, which has been opened in this thread.
+    /// Computes on this device from now on. It must have been opened in this thread.
     pub fn compute_on(&mut self, name: DeviceName, device: Device) {
         self.algorithm.compute_on(&device);
         (self.device, self.device_kind) = (device, name.kind());
     }
 
-    /// Whether the device has computed everything that it was asked for; if not, what was learned or chosen since
-    /// the last checkpoint is of no use.
+    /// Checks that no computation on the device has failed. After a failure, everything learned or chosen since the
+    /// last checkpoint is invalid.
     ///
     /// # Errors
-    /// With the first failure.
+    /// The first failure.
     pub fn check_device(&self) -> Result<(), Failure> {
         self.device.check().map_err(|error| {
             let hint =
-                "hint: the last checkpoint is intact; is the GPU's memory full? `rondo resume` goes on from \
+                "hint: the last checkpoint is intact; is the GPU's memory full? `rondo resume` continues from \
                         there, with `--device cpu` too";
             Failure::new(exit::AGAIN, format!("{error}\n{hint}"))
         })
@@ -143,23 +142,22 @@ impl Learner {
         self.algorithm.update_calls()
     }
 
-    /// From now on the learner uses this clock, and these threads.
+    /// Uses this clock and these threads from now on.
     pub fn run_on(&mut self, host: Host) {
         self.algorithm.run_on(host);
     }
 
-    /// Where the time of the learner itself went so far.
+    /// The learner's own seconds so far.
     pub fn seconds(&self) -> Seconds {
         self.algorithm.seconds()
     }
 
-    /// Tests with the most probable actions, or with drawn ones, whatever the configuration says. Q-learning
-    /// always takes the best.
+    /// Overrides how PPO chooses actions in tests. Q-learning has no such choice.
     pub fn choose_in_tests(&mut self, choice: Choice) {
         self.algorithm.choose_in_tests(choice);
     }
 
-    /// Starts a round of `copies` episodes; only those to learn from are recorded.
+    /// Starts a round of `copies` episodes. Tests are not recorded.
     pub fn begin_round(&mut self, copies: usize, record: bool) {
         self.algorithm.begin_round(copies);
         self.input.begin_round(copies);
@@ -168,7 +166,7 @@ impl Learner {
         }
     }
 
-    /// Takes in one tick and chooses an action for every row that still runs.
+    /// Processes one tick and chooses an action for every running row.
     pub fn tick(&mut self, observe: &Observe, record: bool, rng: &mut ChaCha8Rng) -> &[u16] {
         let size = self.input.size();
         let inputs = self.input.rows(observe);
@@ -206,24 +204,22 @@ impl Learner {
         self.rollout.episodes().iter().map(|episode| episode.len() as u64).sum()
     }
 
-    /// Into how many lessons the recorded round falls: one for PPO, one for each episode in Q-learning (algorithms
-    /// §5.1).
+    /// Number of lessons in the recorded round: one with PPO, one for each episode with Q-learning (algorithms §5.1).
     pub fn lessons(&self) -> usize {
         let episodes = self.rollout.episodes().len();
         episodes / self.algorithm.lesson_size(episodes)
     }
 
-    /// Update calls that the lessons of the recorded round will make: fewer than lessons, while too few episodes
-    /// are remembered.
+    /// Number of update calls in the lessons of the recorded round: fewer than lessons while too few episodes are
+    /// stored.
     pub fn updates_due(&self) -> u64 {
         self.algorithm.updates_due(self.rollout.episodes().len())
     }
 
-    /// One lesson, with at most one update call at the learning rate `lr`; what it reports.
+    /// One lesson, with at most one update call at the learning rate `lr`. Returns its report.
     ///
     /// # Errors
-    /// If the device fails, or the disk on which episodes are remembered, or a number is none any more. After that this
-    /// learner is of no use.
+    /// If the device or the disk fails, or a number is infinite or NaN. The learner must not be used after that.
     pub fn learn(&mut self, lesson: usize, t_env: u64, lr: f64) -> Result<Option<Scalars>, Failure> {
         let update_call = self.update_calls();
         let episodes = self.rollout.episodes();
@@ -238,7 +234,7 @@ impl Learner {
         Ok(scalars)
     }
 
-    /// Whether all rewards of a lesson are finite; `first` is the copy of its first episode.
+    /// Checks that the rewards of a lesson are finite. `first` is the copy of its first episode.
     fn check_rewards(&self, first: usize, episodes: &[Episode], update_call: u64) -> Result<(), Failure> {
         for (copy, episode) in (first..).zip(episodes) {
             if let Some(step) = episode.rewards.iter().position(|reward| !reward.is_finite()) {
@@ -248,7 +244,7 @@ impl Learner {
         Ok(())
     }
 
-    /// Whether what an update call reports is finite, then everything that it learned.
+    /// Checks that the scalars of an update call and all tensors are finite.
     fn check_numbers(&self, scalars: &Scalars, update_call: u64) -> Result<(), Failure> {
         let bad_scalar = scalars.iter().find(|(_, value)| !value.is_finite());
         let bad = bad_scalar
@@ -257,7 +253,7 @@ impl Learner {
         bad.map_or(Ok(()), |(name, value)| Err(diverged::by_learning(self.id, update_call, &name, value)))
     }
 
-    /// Ends the round whose lessons have been learned.
+    /// Ends the round after its lessons.
     pub fn end_round(&mut self) {
         self.rounds += 1;
     }
@@ -265,7 +261,7 @@ impl Learner {
     /// Everything that the next round depends on.
     ///
     /// # Errors
-    /// If the disk fails on which episodes are remembered.
+    /// I/O errors of the stored episodes.
     pub fn checkpoint(&mut self, unlogged: &Unlogged, metrics: Position) -> Result<Checkpoint, Failure> {
         let counters = self.algorithm.counters()?;
         let saved = Saved {
@@ -282,15 +278,15 @@ impl Learner {
         Ok(Checkpoint { round: self.rounds, state, tensors })
     }
 
-    /// The checkpoint just made is on the disk: what no kept checkpoint can come back to is forgotten.
+    /// Call after a save: removes episodes that no kept checkpoint needs.
     ///
     /// # Errors
-    /// If the disk fails.
+    /// I/O errors.
     pub fn saved(&mut self) -> Result<(), Failure> {
         self.algorithm.saved()
     }
 
-    /// Goes back to the networks and counters of a checkpoint.
+    /// Restores the networks and counters of a checkpoint.
     ///
     /// # Errors
     /// If it is of another kind of learner or its state cannot be read.
@@ -312,7 +308,7 @@ impl Learner {
     }
 }
 
-/// Notes what a tick shows of each copy, and what its last action earned.
+/// Records the observation of each copy in a tick, and the reward of its last action.
 fn record_tick(rollout: &mut Rollout, observe: &Observe, inputs: &[f32], size: usize) {
     for (row, input) in inputs.chunks_exact(size).enumerate() {
         let copy = usize::from(observe.copies[row]);

@@ -1,4 +1,4 @@
-//! What agents draw together, what their critics are shown, and how a learner ends whose numbers are none any more.
+//! Joint draws, the critic's input, and the failure of a learner with infinite numbers or NaN.
 
 use algos::iql::sample_distinct;
 use proto::config::{AlgoName, Draws};
@@ -12,7 +12,7 @@ use super::*;
 const OBS: usize = 2;
 const ACTIONS: usize = 3;
 
-/// A learner that has its place on a disk, and plays rounds of one episode of two steps.
+/// A learner with a folder, which plays rounds of one episode of two steps.
 struct Playing {
     learner: Learner,
     position: Position,
@@ -48,7 +48,7 @@ impl Playing {
         Self { learner, position: Position::START, _tmp: tmp }
     }
 
-    /// One round with these rewards, and what its lesson comes to.
+    /// One round with these rewards. Returns the report of its lesson.
     fn play(&mut self, rewards: [f32; 2]) -> Result<Option<Scalars>, Failure> {
         let mut rng = stream(1, "test", "actions", &[]);
         self.learner.begin_round(1, true);
@@ -75,7 +75,7 @@ impl Playing {
         self.learner.checkpoint(&Unlogged::default(), self.position).unwrap()
     }
 
-    /// Goes on with this number everywhere in a tensor.
+    /// Fills a tensor with this number.
     fn put(&mut self, tensor: &str, number: f32) {
         let mut checkpoint = self.checkpoint();
         let found = checkpoint.tensors.iter_mut().find(|t| t.name == tensor).expect("there is such a tensor");
@@ -102,8 +102,8 @@ fn the_critic_is_shown_the_observation_alone_whatever_the_actor_is_shown() {
             assert_eq!(rows(&format!("{critic}.fc1.weight")), Some(9), "{critic}");
         }
     }
-    // A checkpoint of another shape is refused in words, such as one from when the critic was shown as much as the
-    // actor.
+    // A checkpoint of another shape is refused with a message, such as one from versions in which the critic had the
+    // actor's inputs.
     let (mut learner, mut old) = of(true, false);
     for tensor in
         old.tensors.iter_mut().filter(|t| t.name.contains("critic") && t.name.ends_with("fc1.weight"))
@@ -118,7 +118,7 @@ fn the_critic_is_shown_the_observation_alone_whatever_the_actor_is_shown() {
     assert!(refused.message.starts_with(text), "{}", refused.message);
 }
 
-/// The text of a failure of which trying again does not help.
+/// The text of a failure that a retry does not fix.
 #[track_caller]
 fn ends_for_good(learned: Result<Option<Scalars>, Failure>) -> String {
     let failure = learned.expect_err("the learner has diverged");

@@ -1,4 +1,4 @@
-//! An episode as bytes, as few as possible: numbers are little-endian, allowed actions are bits.
+//! An episode in few bytes: numbers are little-endian, available actions are bits.
 //!
 //! ```text
 //! u32 L | u32 obs_size | u32 n_actions | u8 end
@@ -11,7 +11,7 @@ const RUNNING: u8 = 0;
 const TERMINATED: u8 = 1;
 const TIME_LIMIT: u8 = 2;
 
-/// Writes `episode` into `to`, in place of what is there.
+/// Encodes `episode` into `to`, whose content is replaced.
 pub(super) fn encode(episode: &Episode, to: &mut Vec<u8>) {
     let slots = episode.len() + 1;
     let per_slot = |all: usize| (all / slots) as u32;
@@ -32,7 +32,7 @@ pub(super) fn encode(episode: &Episode, to: &mut Vec<u8>) {
     put_floats(&episode.rewards, to);
 }
 
-/// Reads an episode into `to`, in place of what is there; `None` if `record` is anything else.
+/// Decodes an episode into `to`, whose content is replaced; `None` if `record` is not an episode.
 pub(super) fn decode(record: &[u8], to: &mut Episode) -> Option<()> {
     let rest = &mut &record[..];
     let mut size = || Some(u32::from_le_bytes(*take(rest, 4)?.first_chunk()?) as usize);
@@ -43,7 +43,7 @@ pub(super) fn decode(record: &[u8], to: &mut Episode) -> Option<()> {
         TIME_LIMIT => End::TimeLimit,
         _ => return None,
     };
-    // Sizes are compared with the record, by `take`, before anything of that size is asked for.
+    // `take` compares sizes with the record before memory of that size is allocated.
     let slots = length.checked_add(1)?;
     get_floats(take(rest, slots.checked_mul(obs_size)?.checked_mul(4)?)?, &mut to.obs);
     let bits = slots.checked_mul(n_actions)?;
@@ -67,7 +67,7 @@ fn get_floats(bytes: &[u8], to: &mut Vec<f32>) {
     to.extend(bytes.as_chunks().0.iter().map(|&bytes| f32::from_le_bytes(bytes)));
 }
 
-/// Cuts the next `n` bytes off the front of `rest`.
+/// Removes the first `n` bytes from `rest` and returns them.
 fn take<'a>(rest: &mut &'a [u8], n: usize) -> Option<&'a [u8]> {
     let (head, tail) = rest.split_at_checked(n)?;
     *rest = tail;

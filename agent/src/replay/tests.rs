@@ -44,7 +44,7 @@ fn push(replay: &mut Replay, numbers: std::ops::Range<u64>) {
     }
 }
 
-/// The numbers of a minibatch, each of whose episodes is checked to be the one that was pushed.
+/// The numbers of a minibatch. Asserts that its episodes are those that were pushed.
 fn sample(replay: &mut Replay, count: usize, rng: &mut ChaCha8Rng) -> Vec<u64> {
     let check = |found: &Episode| {
         let number = found.rewards[0] as u64;
@@ -172,7 +172,7 @@ fn a_minibatch_of_more_than_there_is_and_a_foreign_record_are_refused() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let failure = replay.sample(4, &mut rng).unwrap_err();
     assert_eq!(failure.code, exit::BUG);
-    assert_eq!(failure.message, "a minibatch of 4 was asked for, but only 3 episodes are stored");
+    assert_eq!(failure.message, "a minibatch of 4 was requested, but only 3 episodes are stored");
     drop(replay);
 
     folder.role.episodes(0).unwrap().append(b"no episode").unwrap();

@@ -1,29 +1,28 @@
 //! How many foods fit on a grid at once.
 //!
-//! Two foods need a distance of three or more steps, and none lies on the border (lbf §3, rule 4). In other
-//! words: every food owns a plus of five cells, pluses lie within the grid and do not overlap.
+//! Two foods are three or more steps apart, and none lies on the border (lbf §3, rule 4). So every food occupies a
+//! plus of five cells; pluses lie within the grid and do not overlap.
 
 use std::collections::HashMap;
 
-/// Interiors with a longer side are not searched: this one takes some hundredths of a second, and each further
-/// column half as much again.
+/// Longest side of an interior that is searched: it takes some hundredths of a second, and each further column half
+/// as much again.
 const EXACT_SIDE: u32 = 13;
 
-/// `None` when `foods` fit on an otherwise empty grid (or, on a large grid, may fit); otherwise a number below
-/// `foods` that no placement exceeds.
+/// `None` if `foods` fit on an empty grid (or, on a large grid, may fit). Otherwise an upper limit below `foods`.
 pub(super) fn shortfall(rows: u16, cols: u16, foods: u16) -> Option<u32> {
     let (height, width) = (u32::from(rows.max(cols)) - 2, rows.min(cols) - 2);
     let interior = height * u32::from(width);
     let foods = u32::from(foods);
-    // Pluses tile the plane in a pattern with one centre in five cells, and one of its five shifts has at least
-    // this many centres in the interior.
+    // Pluses tile the plane with one centre in five cells. One of the five shifts of this pattern has at least this
+    // many centres in the interior.
     if foods <= interior.div_ceil(5) {
         return None;
     }
     let most = if height <= EXACT_SIDE {
         most_centres(height, width)
     } else {
-        // No plus covers a corner.
+        // No plus contains a corner.
         (u32::from(rows) * u32::from(cols) - 4) / 5
     };
     (most < foods).then_some(most)

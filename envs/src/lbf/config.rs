@@ -1,8 +1,8 @@
-//! What a foraging world is built from, and which numbers cannot work.
+//! The parameters of a foraging world, and their checks.
 
 use super::rules::Rules;
 
-/// The longest side of a grid: far beyond any published task, and cells are still numbered at ease.
+/// The longest side of a grid: far beyond any published task. Cell numbers still fit.
 const MAX_SIDE: u16 = 255;
 /// The most players: an observation grows with them, all observations together with their square.
 const MAX_PLAYERS: u16 = 64;
@@ -19,7 +19,7 @@ pub struct Config {
     pub coop: bool,
     /// How many cells away a player sees; the longer side or more shows everything.
     pub sight: u16,
-    /// Taken from the reward of everybody who loads in vain.
+    /// Subtracted from the reward of each player whose loading fails.
     pub penalty: f64,
     /// Steps after which an episode ends in any case.
     pub episode_limit: u32,
@@ -50,8 +50,7 @@ pub enum Impossible {
 }
 
 impl Config {
-    /// Whether a world can be built. A reset may be asked for more foods than find room, as in the reference:
-    /// see [`Config::warning`].
+    /// Checks that the world can exist. More foods than fit are allowed, as in the reference: see [`Config::warning`].
     pub(super) fn check(&self) -> Result<(), Impossible> {
         for (axis, found) in [("the number of rows", self.rows), ("the number of columns", self.cols)] {
             if !(3..=MAX_SIDE).contains(&found) {
@@ -89,8 +88,8 @@ impl Config {
         Ok(())
     }
 
-    /// What a user should know about a world that is not what its numbers promise: a reset places as many foods
-    /// as find room (lbf §3, rule 4), and observations keep a place for each that was asked for.
+    /// A warning if not all foods fit: a reset places as many as possible (lbf §3, rule 4), and observations keep a
+    /// place for each of them.
     pub(super) fn warning(&self) -> Option<String> {
         let foods = self.foods;
         let room = super::capacity::shortfall(self.rows, self.cols, foods)?;

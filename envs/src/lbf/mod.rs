@@ -1,7 +1,7 @@
 //! Level-based foraging: players walk on a grid and eat foods that need enough levels side by side.
 //!
-//! The rules are those of the environment specification for LBF, whose sections the comments cite. All chance is
-//! in the reset; a step is deterministic and allocates nothing.
+//! The rules are in `docs/spec/lbf.md`; comments cite its sections. All randomness is in the reset. A step is
+//! deterministic and allocates nothing.
 
 mod capacity;
 mod config;
@@ -81,7 +81,7 @@ pub const EAST: u16 = 4;
 pub const LOAD: u16 = 5;
 pub const N_ACTIONS: usize = 6;
 
-/// Stands for a food level around the grid, so that one look tells a free cell from food and wall alike.
+/// Food level of the cells around the grid, so that one comparison excludes food and walls.
 const WALL: u16 = u16::MAX;
 
 /// The world. Make one with [`Foraging::new`], then `reset` or [`Foraging::set_state`].
@@ -96,17 +96,18 @@ pub struct Foraging {
     field: Vec<u16>,
     level_sum_at_reset: u32,
     step: u32,
-    /// The actions of the last step after invalid ones became [`NONE`].
+    /// The actions of the last step, with [`NONE`] for invalid ones.
     effective: Vec<u16>,
     /// The rewards of the last step, for pictures.
     earned: Vec<f64>,
-    /// Scratch of a step: the cell each player names, and by cell how many name it (zero between steps).
+    /// Work space of a step: the cell that each player names, and the number of players that name each cell (zero
+    /// between steps).
     named: Vec<usize>,
     named_by: Vec<u8>,
 }
 
 impl Foraging {
-    /// A world without foods whose players all stand in the upper left corner, at level 1: reset it first.
+    /// A world without foods, with all players in the upper left corner at level 1. Reset it before use.
     pub fn new(config: Config) -> Result<Foraging, Impossible> {
         config.check()?;
         let agents = usize::from(config.players);
@@ -141,8 +142,8 @@ impl Foraging {
         &self.config
     }
 
-    /// What the players did in the last step, after invalid actions became [`NONE`]. A move that met another
-    /// player is still a move here (lbf §4, §5.2).
+    /// The actions of the last step, with [`NONE`] for invalid ones. A move that another player blocked is still a move
+    /// here (lbf §4, §5.2).
     pub fn effective_actions(&self) -> &[u16] {
         &self.effective
     }
@@ -164,7 +165,7 @@ impl Foraging {
         [cell - self.stride(), cell + self.stride(), cell - 1, cell + 1]
     }
 
-    /// lbf §4 and §5.2, first half: what each player really does, and which cell it names.
+    /// Replaces invalid actions and sets the cell that each player names (lbf §4, §5.2).
     fn name_cells(&mut self, actions: &[u16]) {
         for (i, &action) in actions.iter().enumerate() {
             let own = self.cell(self.players[i].row, self.players[i].col);
@@ -183,8 +184,8 @@ impl Foraging {
         }
     }
 
-    /// lbf §5.2: who alone names a cell gets it. A player whose cell is entered while it fails to leave stays
-    /// where it is, so two can come to share a cell.
+    /// A player gets the cell that it alone names (lbf §5.2). A player that fails to leave stays, even if another one
+    /// has entered its cell, so two players can share a cell.
     fn move_players(&mut self) {
         for ((player, &action), &named) in self.players.iter_mut().zip(&self.effective).zip(&self.named) {
             if self.named_by[named] == 1 {
@@ -202,12 +203,12 @@ impl Foraging {
         }
     }
 
-    /// lbf §5.3. Loaders are taken in index order, each with all others beside the same food. Between foods
-    /// placed by the rules the order has no effect; in an arranged state where somebody stands beside two foods
-    /// the first in the order north, south, west, east is loaded.
+    /// Loading (lbf §5.3). Takes loaders in index order, each with all others beside the same food. The order of foods
+    /// has no effect, except in a state set by a test in which a player stands beside two foods: then the first in the
+    /// order north, south, west, east is loaded.
     fn load(&mut self, rewards: &mut [f64]) {
-        // Loaders have named their own cell. From here on `named` is the list of those still to be served.
-        /// Marks a player who does not load, or no longer.
+        // Loaders have named their own cell. From here on `named` lists the loaders that are not done.
+        /// Marks a player who does not load or is done.
         const NO_LOADER: usize = usize::MAX;
         for (named, &action) in self.named.iter_mut().zip(&self.effective) {
             if action != LOAD {
@@ -290,12 +291,12 @@ impl World for Foraging {
         }
     }
 
-    /// lbf §6: the foods in sight, the observer, the others in sight; each as row, column, level.
+    /// The foods in sight, the observer, the others in sight; each as row, column, level (lbf §6).
     fn observe(&self, agent: usize, out: &mut [f32]) {
         assert_eq!(out.len(), self.sizes.obs_size[agent], "one place per observed number");
         let me = self.players[agent];
         let sight = self.config.sight;
-        // Coordinates count from here. With the whole grid in sight this is its corner.
+        // The origin of coordinates: the corner of the grid if all of it is in sight.
         let (top, left) = (me.row - me.row.min(sight), me.col - me.col.min(sight));
         let (food_slots, player_slots) = out.split_at_mut(3 * usize::from(self.config.foods));
 
@@ -303,7 +304,7 @@ impl World for Foraging {
         let foods = self.foods.iter().filter(near).map(|food| (food.row - top, food.col - left, food.level));
         fill(food_slots, foods);
 
-        // Players are seen in a full window from that corner, even where the grid's edge pushed it off centre.
+        // Players are seen in a full window from that corner, even where the grid's edge moves it off centre.
         let span = 2 * sight;
         let seen = |p: &&Player| (top..=top + span).contains(&p.row) && (left..=left + span).contains(&p.col);
         let (before, after) = (&self.players[..agent], &self.players[agent + 1..]);
@@ -321,7 +322,7 @@ impl World for Foraging {
     }
 }
 
-/// Writes what is there as triples, then the triple for nothing into what is left.
+/// Writes `things` as triples and fills the rest with the triple for nothing.
 fn fill(slots: &mut [f32], things: impl Iterator<Item = (u16, u16, u16)>) {
     let mut slots = slots.chunks_exact_mut(3);
     for ((row, col, level), slot) in things.zip(&mut slots) {

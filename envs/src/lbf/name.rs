@@ -25,8 +25,8 @@ pub(crate) enum NameError {
     Impossible(#[from] Impossible),
 }
 
-/// Reads a name; `None` when it is of another family. The case of letters does not matter, and the ids that the
-/// reference registers (`Foraging-8x8-2p-2f-coop-v3`, also behind `lbforaging:`) mean the same as there.
+/// Parses a name; `None` if it is of another family. Case is ignored. The ids that the reference registers
+/// (`Foraging-8x8-2p-2f-coop-v3`, also after `lbforaging:`) have the same meaning as there.
 pub(crate) fn parse(name: &str) -> Option<Result<Config, NameError>> {
     let name = name.to_ascii_lowercase();
     match name.strip_prefix("lbforaging:").unwrap_or(&name).strip_prefix("foraging-") {
@@ -90,8 +90,8 @@ fn wrong(expected: &'static str, found: Option<&str>) -> NameError {
 }
 
 impl Config {
-    /// The one name that Rondo prints for these numbers: no sight where everything is seen, no version for v3.
-    /// Penalty and step limit have no place in names.
+    /// The canonical name of these parameters: without a sight if the whole grid is seen, without a version for v3.
+    /// Penalty and step limit are not part of names.
     pub fn name(&self) -> String {
         let Config { rows, cols, players, foods, .. } = self;
         let sight = if self.sight < *rows.max(cols) { format!("{}s-", self.sight) } else { String::new() };

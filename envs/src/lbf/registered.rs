@@ -1,11 +1,11 @@
-//! The task ids that releases of `lbforaging` register. They mean here what they mean there; an id that no release
-//! registers is refused, because whoever has such an id has it from somewhere else, with other numbers behind it.
+//! The task ids that releases of `lbforaging` register. They have the same meaning here. An id that no release
+//! registers is refused, because it comes from another package and may mean other numbers.
 
 use super::name::{parse_parts, NameError};
 use super::{Config, Rules};
 
-/// Ids that PyMARLzoo+ 1.1.0 adds to those of `lbforaging`, without the ending `-coop-v2` or `-coop-v3`: every player
-/// and every food has level 3 there. It also gives some ids of `lbforaging` that meaning; here they keep their own.
+/// Ids that PyMARLzoo+ 1.1.0 adds to those of `lbforaging`, without the ending `-coop-v2` or `-coop-v3`. Every player
+/// and every food has level 3 there. It also redefines some ids of `lbforaging` so; here they keep their own meaning.
 const LEVEL_3: [&str; 12] = [
     "8s-25x25-8p-5f",
     "5s-25x25-8p-5f",
@@ -21,11 +21,11 @@ const LEVEL_3: [&str; 12] = [
     "4s-11x11-4p-3f",
 ];
 
-/// Words that the id of a variant has after `-coop`, and what they change.
+/// Words after `-coop` in the ids of variants, and what they change.
 const VARIANTS: [(&str, &str); 2] =
-    [("-ind", "puts every food at level 1"), ("-pen", "takes 0.1 from whoever loads in vain")];
+    [("-ind", "puts every food at level 1"), ("-pen", "takes 0.1 from each player whose loading fails")];
 
-/// Reads what follows `foraging-`, in lower case.
+/// Parses what follows `foraging-`, in lower case.
 pub(super) fn parse(id: &str) -> Result<Config, NameError> {
     let (grid, parts) = match id.strip_prefix("grid-") {
         Some(parts) => (true, parts),
@@ -80,7 +80,7 @@ fn registers(config: &Config) -> bool {
         && sight
 }
 
-/// What [`registers`] asks for, in words.
+/// The condition of [`registers`], in words.
 fn limits(rules: Rules) -> &'static str {
     match rules {
         Rules::V0 => "v0 ids have square grids of side 5 to 19, 2 to 4 players, 1 to 9 foods, and a sight of `2s` or none",
@@ -90,7 +90,7 @@ fn limits(rules: Rules) -> &'static str {
     }
 }
 
-/// Whether a release would write these numbers so. Without a version gymnasium takes the newest.
+/// Whether a release writes these numbers so. Without a version gymnasium takes the newest.
 fn is_id_of(parts: &str, config: &Config) -> bool {
     let newest = Config { rules: Rules::V3, ..config.clone() }.name();
     let numbers = newest.strip_prefix("lbf-").expect("all names begin so");

@@ -1,4 +1,4 @@
-//! How an episode starts (lbf §3 and §8). Positions of the episode before are always forgotten.
+//! The start of an episode (lbf §3, §8). The positions of the last episode do not matter.
 
 use rand::RngCore;
 
@@ -8,7 +8,7 @@ use crate::draw::{below, between};
 /// Tries to place one player, and all foods together (lbf §3).
 const TRIES: u32 = 1000;
 const PLAYER_LEVELS: (u16, u16) = (1, 2);
-/// Two foods are further apart than this, counted in steps: rule 4's block and its two bars together.
+/// Two foods are further apart than this, in steps: the block and the two bars of rule 4 together.
 const FOOD_DISTANCE: u16 = 2;
 
 impl Foraging {
@@ -49,7 +49,7 @@ impl Foraging {
                 }
             }
             if self.is_taken(i, place) {
-                // Only a grid that is all but full comes here, and then hardly ever.
+                // Reached only on an almost full grid, and rarely then.
                 let mut cells = (0..rows).flat_map(|row| (0..cols).map(move |col| (row, col)));
                 place =
                     cells.find(|&cell| !self.is_taken(i, cell)).expect("the players fit, checked in `new`");
@@ -77,7 +77,7 @@ impl Foraging {
             if self.foods.iter().any(crowded) || self.is_taken(self.players.len(), (row, col)) {
                 continue;
             }
-            // A level that is known beforehand is not drawn.
+            // A fixed level is not drawn.
             let level = if low == high { low } else { between(rng, low, high) };
             self.put_food(Food { row, col, level });
         }

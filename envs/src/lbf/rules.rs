@@ -1,4 +1,4 @@
-//! The four published versions of the foraging rules (lbf §8). They differ only in how an episode starts.
+//! The four published versions of the foraging rules (lbf §8). They differ in the reset only.
 
 use std::fmt;
 
@@ -42,16 +42,16 @@ impl Rules {
         }
     }
 
-    /// Along a side of `cells` cells players start on `0..` this many.
+    /// Players start on the first so many cells of a side of `cells`.
     pub(super) fn spawn_cells(self, cells: u16) -> u16 {
         match self {
-            // The last row and column were left out by mistake.
+            // These releases omit the last row and column by mistake.
             Rules::V0 | Rules::V1 => cells - 1,
             Rules::V2 | Rules::V3 => cells,
         }
     }
 
-    /// M of the spec: the level of every food in a cooperative task, the bound of levels in others.
+    /// `M` of lbf §3: the level of every food in a cooperative task, the largest level in others.
     pub(super) fn top_food_level(self, player_levels: impl Iterator<Item = u16>) -> u16 {
         if self == Rules::V0 {
             return player_levels.sum();
@@ -75,7 +75,7 @@ impl Rules {
         match self {
             _ if coop => (top, top),
             Rules::V3 => (1, top),
-            // The upper end of the draw was exclusive, except where that would have left nothing.
+            // The upper end of the draw was exclusive, unless that left no level.
             Rules::V0 | Rules::V1 | Rules::V2 => (1, (top - 1).max(1)),
         }
     }

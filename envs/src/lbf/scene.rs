@@ -1,5 +1,5 @@
-//! The picture of a foraging world: a chequered grid, foods and players with their levels, and what came of
-//! the last step: who loaded, in vain or not, and who earned what.
+//! The picture of a foraging world: a chequered grid, foods and players with their levels, and for the last step who
+//! loaded, with or without success, and the rewards.
 
 use super::{Food, Foraging, Player, LOAD};
 use crate::scene::{Colour, Scene, Shape};
@@ -8,10 +8,10 @@ const DARK_CELL: Colour = Colour(236, 236, 228);
 const FOOD: Colour = Colour(196, 48, 43);
 const STALK: Colour = Colour(110, 74, 40);
 const LEAF: Colour = Colour(74, 146, 60);
-/// Around who loaded in vain, and around who was rewarded for it.
+/// Around a player whose loading failed, and around one that was rewarded.
 const IN_VAIN: Colour = Colour(242, 183, 5);
 const REWARDED: Colour = Colour(34, 136, 60);
-/// Behind what was taken from a player.
+/// Behind a negative reward.
 const PUNISHED: Colour = Colour(176, 30, 30);
 
 impl Foraging {
@@ -37,7 +37,7 @@ impl Foraging {
         }
     }
 
-    /// Cells that differ in shade are told apart also where lines would be thinner than a pixel.
+    /// Cells in two shades: visible even where lines would be thinner than a pixel.
     fn grid(&self) -> Vec<Shape> {
         let cells = (0..self.config.rows).flat_map(|row| (0..self.config.cols).map(move |col| (row, col)));
         let dark = cells.filter(|(row, col)| (row + col) % 2 == 1);
@@ -82,7 +82,7 @@ fn draw_food(shapes: &mut Vec<Shape>, food: &Food) {
     ]);
 }
 
-/// A square with cut corners: its level in the middle, its number above, below what it earned.
+/// A square with cut corners: its level in the middle, its number above, its reward below.
 fn draw_player(shapes: &mut Vec<Shape>, agent: usize, player: &Player, loads: bool, earned: f64) {
     let (x, y) = centre(player.row, player.col);
     if loads {
@@ -194,12 +194,12 @@ mod tests {
     fn who_loaded_is_marked_with_what_came_of_it() {
         let mut world = world();
         let mut rewards = [0.0; 3];
-        // Two levels are not enough for three.
+        // Levels 1 and 1 are not enough for level 3.
         world.step(&[LOAD, LOAD, 0], &mut NoChance, &mut rewards);
         let scene = world.scene();
         assert_eq!(circles(&scene, IN_VAIN), [(1.5, 1.5), (2.5, 0.5)]);
         assert_eq!(texts(&scene), ["3", "1", "#0", "-0.25", "1", "#1", "-0.25", "1", "#2", "2"]);
-        // Levels 1 and 2 are: 1 * 3 / (3 * 4) and 2 * 3 / (3 * 4).
+        // Levels 1 and 2 are enough: rewards 1 * 3 / (3 * 4) and 2 * 3 / (3 * 4).
         world.step(&[LOAD, 0, LOAD], &mut NoChance, &mut rewards);
         let scene = world.scene();
         assert_eq!(circles(&scene, REWARDED), [(1.5, 1.5), (3.5, 1.5)]);

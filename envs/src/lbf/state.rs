@@ -1,17 +1,17 @@
-//! The complete state of a foraging world, to look at or to put a world into, as recorded traces do.
+//! The complete state of a foraging world, to read and to set, as replays of traces do.
 
 use serde::Deserialize;
 
 use super::{Foraging, WALL};
 
-/// Everything that decides how an episode goes on (lbf §2).
+/// Everything that the rest of an episode depends on (lbf §2).
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 pub struct State {
     /// In index order. Two may share a cell.
     pub players: Vec<Player>,
-    /// What is left, in row-major order; [`Foraging::set_state`] takes any order.
+    /// The remaining foods, in row-major order; [`Foraging::set_state`] accepts any order.
     pub foods: Vec<Food>,
-    /// S of the spec, which normalises rewards.
+    /// `S` of lbf §2, which normalises rewards.
     pub food_level_sum_at_reset: u32,
     /// Steps taken in the episode.
     pub step: u32,
@@ -32,7 +32,7 @@ pub struct Food {
     pub level: u16,
 }
 
-/// Why a world cannot be put into a state.
+/// Why a state cannot be set.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StateError {
     #[error("expected {expected} players, found {found}")]
@@ -50,7 +50,7 @@ pub enum StateError {
 }
 
 impl Foraging {
-    /// The state now.
+    /// The present state.
     pub fn state(&self) -> State {
         State {
             players: self.players.clone(),
@@ -60,8 +60,7 @@ impl Foraging {
         }
     }
 
-    /// Puts the world into `state`, which need not be one that a reset could draw. After an error the world is
-    /// as it was.
+    /// Sets the state, which need not be one that a reset can draw. After an error the world is unchanged.
     pub fn set_state(&mut self, state: &State) -> Result<(), StateError> {
         self.check_state(state)?;
         self.clear_foods();

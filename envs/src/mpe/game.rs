@@ -8,12 +8,12 @@ pub(super) const MAX_AGENTS: usize = 4;
 pub(super) const MAX_OBS: usize = 16;
 /// Steps after which every episode ends.
 pub(super) const EPISODE_LIMIT: u32 = 25;
-/// Words of the speaker, and goals that they may name.
+/// Words of the speaker, one for each landmark.
 pub(super) const WORDS: usize = 3;
 /// Nothing and four directions.
 pub(super) const MOVES: usize = 5;
 
-/// Force of an action where a body has none of its own.
+/// Force of an action, unless a body has another.
 pub(crate) const PUSH: f64 = 5.0;
 
 /// One of the particle games.
@@ -40,11 +40,11 @@ pub(crate) struct Layout {
     pub spread: f64,
     /// Whether one of the landmarks is a goal.
     pub has_goal: bool,
-    /// Length of the communication vectors, whether anybody speaks or not.
+    /// Length of the communication vectors, also in games without a speaker.
     pub comm_size: usize,
     /// The agents that the learners control.
     pub team: Range<usize>,
-    /// The one agent that they do not.
+    /// The agent that they do not control.
     pub opponent: Option<usize>,
 }
 

@@ -1,4 +1,4 @@
-//! Particle worlds of the reference packages that are not here.
+//! Particle worlds of the reference packages that Rondo does not have.
 
 /// Without `-`, which the packages write in different places. MPE2 and PettingZoo, then what PyMARLzoo+ adds.
 const GAMES: [&str; 12] = [

@@ -1,7 +1,7 @@
-//! The particle worlds: small bodies that push themselves and each other about on a plane.
+//! The particle worlds: small bodies that move and push each other on a plane.
 //!
-//! The rules are those of the environment specification for MPE, whose sections the comments cite. All chance is
-//! in the reset, unless the opponent acts at random; a step allocates nothing.
+//! The rules are in `docs/spec/mpe.md`; comments cite its sections. All randomness is in the reset, unless the opponent
+//! acts at random. A step allocates nothing.
 
 mod game;
 mod missing;

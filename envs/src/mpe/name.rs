@@ -26,17 +26,17 @@ pub(crate) enum NameError {
     Old { game: &'static str, found: u32, current: u32 },
 }
 
-/// Who spelled a name so.
+/// The package whose spelling a name has.
 #[derive(Clone, Copy, PartialEq)]
 enum Speller {
     /// Rondo, PettingZoo, MPE2 or the study of 2021.
     Any,
-    /// EPyMARL, which registers what it finds in PettingZoo as `pz-mpe-simple-tag-v3` and plays it by its rules.
+    /// EPyMARL, which registers PettingZoo's games as `pz-mpe-simple-tag-v3` and plays them by its own rules.
     Epymarl,
 }
 
-/// Reads a name; `None` when it is of another family. The case of letters does not matter, `_` is the same as
-/// `-`, and names of the reference (`mpe2:simple_tag_v3`, `pz-mpe-simple-tag-v3`, `mpe:SimpleTag-v0`) mean the same.
+/// Parses a name; `None` if it is of another family. Case is ignored, `_` is the same as `-`. Names of the reference
+/// (`mpe2:simple_tag_v3`, `pz-mpe-simple-tag-v3`, `mpe:SimpleTag-v0`) have the same meaning as there.
 pub(crate) fn parse(name: &str) -> Option<Result<(Game, Rules), NameError>> {
     let name = name.to_ascii_lowercase().replace('_', "-");
     if let Some(rest) = name.strip_prefix("pz-mpe-") {
@@ -107,7 +107,7 @@ impl Game {
         self.layout().task.strip_prefix("mpe-").expect("all tasks of the family begin so")
     }
 
-    /// The one name that Rondo prints for this game under these rules.
+    /// The canonical name of this game under these rules.
     pub(super) fn name(self, rules: Rules) -> String {
         let task = self.layout().task;
         match rules {

@@ -5,8 +5,8 @@
 //! h = relu(fc1 x)      h = relu(fc2 h)      scores = fc3 h
 //! ```
 //!
-//! Weights are `[out, in]`, float32; the hidden widths are free. The action with the highest score is played,
-//! the lowest one of several. Scores mean, in that order: nothing, **+x, −x, +y, −y**.
+//! Weights are `[out, in]`, float32; any hidden widths are allowed. The action with the highest score is chosen, the
+//! lowest one of several. Scores mean, in this order: nothing, **+x, −x, +y, −y**.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ use super::game::MOVES;
 /// Added to the variance before the root.
 pub(super) const EPSILON: f64 = 1e-5;
 
-/// What the file of a frozen network must hold; other tensors have no meaning.
+/// The tensors of a frozen network's file.
 pub(super) const TENSORS: [&str; 10] = [
     "in_fn.weight",
     "in_fn.bias",
@@ -31,7 +31,7 @@ pub(super) const TENSORS: [&str; 10] = [
     "fc3.bias",
 ];
 
-/// Why bytes are no frozen network for a role.
+/// Why bytes are not a frozen network for a role.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NetworkError {
     #[error("expected a safetensors file: {0}")]
@@ -48,7 +48,7 @@ pub enum NetworkError {
     Number { name: &'static str, expected: &'static str, found: f32, place: usize },
 }
 
-/// A network that acts and never learns. Copies share their weights.
+/// A network that acts and does not learn. Copies share their weights.
 #[derive(Debug, Clone)]
 pub struct FrozenNetwork {
     layers: Arc<Layers>,
@@ -69,7 +69,7 @@ struct Layers {
     fc3: Layer,
 }
 
-/// Float32 values, kept in double precision: scores come out the same in whatever order a platform adds.
+/// Float32 values in double precision: scores do not depend on a platform's order of addition.
 #[derive(Debug)]
 struct Layer {
     /// `[in, out]`, so that a zero input skips a whole row.
@@ -121,7 +121,7 @@ impl FrozenNetwork {
         scores
     }
 
-    /// What the network chooses, in its own directions: 1 is +x, 2 is -x, 3 is +y, 4 is -y.
+    /// The network's choice, in its own directions: 1 is +x, 2 is -x, 3 is +y, 4 is -y.
     pub fn choose(&mut self, obs: &[f32]) -> u16 {
         let scores = self.scores(obs);
         let mut best = 0;
@@ -178,7 +178,7 @@ impl File<'_> {
         Ok(Layer { weight: transposed, bias })
     }
 
-    /// Shape and values of a tensor of that shape; `None` stands for any length above 0.
+    /// Shape and values of a tensor of that shape; `None` allows any length above 0.
     fn tensor(
         &self,
         name: &'static str,

@@ -1,5 +1,5 @@
-//! A whole particle game: every agent of the reference, the opponent's among them, acts through `step`. Teams
-//! play it through [`super::Team`].
+//! A whole particle game, in which all agents of the reference act through `step`, the opponent too. Teams play it
+//! through [`super::Team`].
 
 use rand::RngCore;
 
@@ -19,15 +19,15 @@ pub struct Particles {
     sizes: Sizes,
     pub(super) agents: Vec<Particle>,
     pub(super) landmarks: Vec<[f64; 2]>,
-    /// The landmark that matters; 0 where none does.
+    /// The goal landmark; 0 in games without a goal.
     pub(super) goal: usize,
-    /// What the speaker said in the last step.
+    /// The speaker's word in the last step.
     pub(super) said: Option<usize>,
     pub(super) step: u32,
 }
 
 impl Particles {
-    /// A world in which everything lies in the origin: reset it first.
+    /// A world with all bodies at the origin. Reset it before use.
     pub fn new(game: Game, rules: Rules) -> Particles {
         let layout = game.layout();
         let sizes = Sizes {
@@ -55,7 +55,7 @@ impl Particles {
         self.step = self.step.saturating_add(1);
         let over = self.step >= EPISODE_LIMIT;
         if over && self.rules == Rules::Epymarl {
-            // mpe §7: the wrapper shows the observation from before this step again, without a reward.
+            // The wrapper repeats the observation from before this step, without a reward (mpe §7).
             rewards.fill(0.0);
         } else {
             self.speak(actions);
@@ -69,7 +69,7 @@ impl Particles {
         }
     }
 
-    /// mpe §5.4. A word that does not exist is silence.
+    /// Sets the speaker's word (mpe §5.4). A word that does not exist is silence.
     fn speak(&mut self, actions: &[u16]) {
         if self.game.layout().speaks(0) {
             let word = usize::from(actions[0]);
@@ -77,7 +77,7 @@ impl Particles {
         }
     }
 
-    /// mpe §5.1 to §5.3.
+    /// Moves the bodies (mpe §5.1 to §5.3).
     fn push(&mut self, actions: &[u16]) {
         let layout = self.game.layout();
         let mut forces = [[0.0; 2]; MAX_AGENTS];
@@ -120,7 +120,7 @@ impl World for Particles {
         &self.sizes
     }
 
-    /// mpe §3, in the reference's order of draws: the goal, then agents, then landmarks.
+    /// In the reference's order of draws: the goal, then agents, then landmarks (mpe §3).
     fn reset(&mut self, rng: &mut dyn RngCore) {
         let layout = self.game.layout();
         self.goal = if layout.has_goal { below(rng, layout.landmarks as u32) as usize } else { 0 };

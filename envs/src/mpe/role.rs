@@ -1,5 +1,4 @@
-//! The two roles that frozen networks play, the whole games in which these are trained, and the files in which
-//! they are kept.
+//! The two roles that frozen networks play, the games in which they are trained, and their files.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -10,7 +9,7 @@ use super::network::{EPSILON, TENSORS};
 use super::{Game, Particles, Rules};
 use crate::World;
 
-/// Who is played by a frozen network (mpe §8).
+/// A role of a frozen network (mpe §8).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// `agent_0` of Tag.
@@ -48,7 +47,7 @@ impl Role {
         self.game().layout().agents[self.agent()].obs_size
     }
 
-    /// The network that comes with Rondo, as a safetensors file; `envs/opponents/README.md` says where it is from.
+    /// The built-in network, as a safetensors file; `envs/opponents/README.md` describes its origin.
     pub fn builtin(self) -> &'static [u8] {
         match self {
             Role::Prey => include_bytes!("../../opponents/prey.safetensors"),
@@ -56,14 +55,14 @@ impl Role {
         }
     }
 
-    /// The whole game to train in: every agent is controlled and has its own reward. The rules are those of the
-    /// 2021 study: its directions are the ones that frozen networks are written in, and its rewards are those
-    /// that the reference's networks were trained with, among them the adversary's squared distance.
+    /// The whole game for training: every agent is controlled and has its own reward. The rules are those of the 2021
+    /// study, with the directions of frozen networks and the rewards that the reference's networks were trained with,
+    /// such as the adversary's squared distance.
     pub fn arena(self) -> Box<dyn World> {
         Box::new(Particles::new(self.game(), ARENA_RULES))
     }
 
-    /// The task that is played in the arena, but for who controls the opponent.
+    /// The task of the arena, in which the opponent is not controlled.
     pub fn arena_task(self) -> String {
         self.game().name(ARENA_RULES)
     }
@@ -77,13 +76,13 @@ pub struct Dense<'a> {
 }
 
 /// A frozen network of these three layers as the bytes of a safetensors file, with `provenance` as its metadata.
-/// Observations go in as they are. The same input gives the same bytes.
+/// Observations are not normalised. The same input gives the same bytes.
 ///
 /// # Panics
 /// If a layer has no outputs.
 pub fn encode(layers: [Dense; 3], provenance: &BTreeMap<&str, String>) -> Vec<u8> {
     let inputs = layers[0].weight.len() / layers[0].bias.len();
-    // The normalisation of inputs that changes nothing.
+    // A normalisation of inputs that changes nothing.
     let unit_variance = (1.0 - EPSILON) as f32;
     let mut tensors = vec![
         Tensor { shape: vec![inputs], data: vec![1.0; inputs] },

@@ -1,21 +1,20 @@
 //! The three versions of the particle rules: the maintained packages, EPyMARL's view of them, and the 2021 study.
 //!
-//! `current` means the release 1.1.1 of `mpe2`. Its worlds are those of `pettingzoo` 1.24.3 to the last bit: every
-//! recorded episode was played with both. The repository of `mpe2` has changed a reward after that release. The
-//! change is **not** in `current`: no release with it was published when the episodes were recorded, and which of the
-//! three games it changes, and how, has not been established here. Before `current` follows a later release, record
-//! episodes with it and compare (`rondo replay`); if a number differs, it is another version of the rules with a name
-//! of its own.
+//! `current` means release 1.1.1 of `mpe2`. Its worlds are those of `pettingzoo` 1.24.3 to the last bit: every recorded
+//! episode was played with both. The repository of `mpe2` changed a reward after that release. The change is **not** in
+//! `current`: no release had it when the episodes were recorded, and we have not examined which of the three games it
+//! changes and how. Before `current` follows a later release, record episodes with it and compare (`rondo replay`). If
+//! a number differs, it is another version of the rules and needs another name.
 
 use std::fmt;
 
 /// A version of the rules, by the suffix of task names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rules {
-    /// The package in its release 1.1.1 (mpe §5, §6); networks steer as they were trained to (mpe §8).
+    /// The package in its release 1.1.1 (mpe §5, §6). Opponents move as they were trained to (mpe §8).
     Current,
-    /// As [`Rules::Current`], but the outcome of the last step is lost (mpe §7) and the opponent's choice is
-    /// not translated into this world's directions, so that it steers backwards (mpe §8).
+    /// As [`Rules::Current`], but the outcome of the last step is lost (mpe §7), and the opponent's choice is not
+    /// translated into this world's directions, so it moves backwards (mpe §8).
     Epymarl,
     /// The original particle code with its own order of integration, directions and rewards (mpe §9).
     Study2021,
@@ -42,11 +41,11 @@ impl Rules {
         match self {
             Rules::Current => "mpe2 1.1.1 / pettingzoo 1.24.3",
             Rules::Epymarl => "EPyMARL v2 on pettingzoo 1.24.3",
-            Rules::Study2021 => "the 2021 study's particle code (mpe §9)",
+            Rules::Study2021 => "the 2021 study's particle code",
         }
     }
 
-    /// The unit direction of an action (mpe §4, §9); actions that do not exist push nowhere.
+    /// The unit direction of an action (mpe §4, §9), zero for actions that do not exist.
     pub(super) fn direction(self, action: u16) -> [f64; 2] {
         match if self == Rules::Study2021 { mirrored(action) } else { action } {
             1 => [-1.0, 0.0],
@@ -57,12 +56,11 @@ impl Rules {
         }
     }
 
-    /// What a frozen network's choice, in which 1 is +x, 2 is -x, 3 is +y and 4 is -y, becomes as an action
-    /// of this world (mpe §8).
+    /// The action of this world for a frozen network's choice, in which 1 is +x, 2 is -x, 3 is +y and 4 is -y (mpe §8).
     pub(super) fn action_of_network(self, choice: u16) -> u16 {
         match self {
             Rules::Current => mirrored(choice),
-            // Backwards here, as EPyMARL has it; the same meaning there.
+            // Backwards in `Epymarl`, as in EPyMARL. In `Study2021` the directions are the network's.
             Rules::Epymarl | Rules::Study2021 => choice,
         }
     }

@@ -1,17 +1,17 @@
-//! The picture of a particle game: bodies to scale, roles by colour, the goal ringed.
+//! The picture of a particle game: bodies to scale, colours by role, a ring around the goal.
 
 use super::game::WORDS;
 use super::{Game, Particles};
 use crate::scene::{Colour, Scene, Shape};
 
-/// The picture shows this far from the middle; who is further out is shown at its border.
+/// Distance from the middle to the border; bodies further out are drawn at the border.
 const REACH: f64 = 1.5;
 
 const OBSTACLE: Colour = Colour(176, 176, 170);
 const OPPONENT: Colour = Colour(213, 94, 0);
 const TEAM: Colour = Colour(0, 114, 178);
 const SPEAKER: Colour = Colour(120, 120, 120);
-/// The landmarks of speaker-listener and the words that may name them, by number.
+/// Colours of the landmarks of Speaker-Listener and of the words, by number.
 const WORD: [Colour; WORDS] = [Colour(204, 60, 50), Colour(60, 160, 70), Colour(70, 90, 200)];
 const WORD_NAME: [&str; WORDS] = ["red", "green", "blue"];
 
@@ -21,7 +21,7 @@ impl Particles {
         let layout = self.game.layout();
         let mut shapes = vec![];
         let axis = |from, to| Shape::Line { from, to, width: 0.005, colour: Colour::GRID };
-        // The square in which everybody starts.
+        // The square in which all bodies start.
         let (low, high) = (REACH - 1.0, REACH + 1.0);
         for (a, b) in [(low, low), (high, high)] {
             shapes.push(axis((a, low), (b, high)));
@@ -72,7 +72,7 @@ impl Particles {
     }
 }
 
-/// Where a place of the world is in the picture, whose y goes down.
+/// A position of the world in the picture, whose y goes down.
 fn place([x, y]: [f64; 2]) -> (f64, f64) {
     (REACH + x.clamp(-REACH, REACH), REACH - y.clamp(-REACH, REACH))
 }

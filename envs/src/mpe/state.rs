@@ -1,4 +1,4 @@
-//! The complete state of a particle game, to look at or to put a world into, as recorded traces do.
+//! The complete state of a particle game, to read and to set, as replays of traces do.
 
 use serde::Deserialize;
 
@@ -6,15 +6,15 @@ use super::game::EPISODE_LIMIT;
 use super::physics::Particle;
 use super::Particles;
 
-/// Places and speeds beyond this are no state that a game comes into (mpe §6: within 25 steps about 6).
+/// Larger positions and speeds are rejected. Games stay within about 6 (mpe §6).
 const FARTHEST: f64 = 1e6;
 
-/// Everything that decides how an episode goes on (mpe §2).
+/// Everything that the rest of an episode depends on (mpe §2).
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct State {
     /// All agents in the reference's order, the opponent too.
     pub agents: Vec<Agent>,
-    /// Places.
+    /// Positions.
     pub landmarks: Vec<[f64; 2]>,
     /// `None` in Tag.
     pub goal_landmark: Option<usize>,
@@ -26,11 +26,11 @@ pub struct State {
 pub struct Agent {
     pub pos: [f64; 2],
     pub vel: [f64; 2],
-    /// What it said in the last step, one-hot; zeros for silence.
+    /// Its word in the last step, one-hot; zeros for silence.
     pub comm: Vec<f64>,
 }
 
-/// Why a world cannot be put into a state.
+/// Why a state cannot be set.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum StateError {
     #[error("expected {expected} {what}, found {found}")]
@@ -50,7 +50,7 @@ pub enum StateError {
 }
 
 impl Particles {
-    /// The state now.
+    /// The present state.
     pub fn state(&self) -> State {
         let layout = self.game.layout();
         let agent = |(number, particle): (usize, &Particle)| {
@@ -68,8 +68,7 @@ impl Particles {
         }
     }
 
-    /// Puts the world into `state`, which need not be one that a reset could draw. After an error the world is
-    /// as it was.
+    /// Sets the state, which need not be one that a reset can draw. After an error the world is unchanged.
     pub fn set_state(&mut self, state: &State) -> Result<(), StateError> {
         let said = self.check_state(state)?;
         for (particle, agent) in self.agents.iter_mut().zip(&state.agents) {
@@ -81,7 +80,7 @@ impl Particles {
         Ok(())
     }
 
-    /// Gives what the speaker said.
+    /// Checks the state and returns the speaker's word.
     fn check_state(&self, state: &State) -> Result<Option<usize>, StateError> {
         let layout = self.game.layout();
         check_count("agents", self.agents.len(), state.agents.len())?;
@@ -125,7 +124,7 @@ impl Particles {
     }
 }
 
-/// The word of a communication vector, if it is one; the outer `None` where it is neither a word nor silence.
+/// The word of a communication vector, or `Some(None)` for silence; `None` if it is neither.
 fn parse_comm(comm: &[f64], size: usize) -> Option<Option<usize>> {
     let word = comm.iter().position(|&number| number != 0.0);
     let one_hot =
@@ -142,7 +141,7 @@ fn check_count(what: &'static str, expected: usize, found: usize) -> Result<(), 
 }
 
 fn check_numbers(what: &'static str, number: usize, found: [f64; 2]) -> Result<(), StateError> {
-    // Not-a-number fails every comparison.
+    // NaN fails every comparison.
     if found.iter().all(|number| number.abs() <= FARTHEST) {
         Ok(())
     } else {

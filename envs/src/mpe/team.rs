@@ -1,4 +1,4 @@
-//! A particle game as its team plays it: the opponent is part of the world.
+//! A particle game for its team: the opponent is part of the world.
 
 use rand::RngCore;
 
@@ -8,12 +8,12 @@ use crate::draw::below;
 use crate::scene::Scene;
 use crate::{End, Opponent, Sizes, World};
 
-/// The controlled agents of a game, and whoever plays the other one.
+/// The controlled agents of a game, and the policy of its opponent.
 #[derive(Debug, Clone)]
 pub struct Team {
     particles: Particles,
     opponent: Policy,
-    /// What the opponent does in the next step, where that is known already.
+    /// The opponent's next action, if it is already computed.
     planned: Option<u16>,
     sizes: Sizes,
 }
@@ -27,7 +27,7 @@ enum Policy {
     Still,
 }
 
-/// Why somebody cannot be the opponent in a game.
+/// Why an opponent cannot play in a game.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OpponentError {
     #[error("this game has no opponent to choose")]
@@ -58,7 +58,7 @@ impl Team {
         Ok(Team { particles, opponent: policy, planned: None, sizes })
     }
 
-    /// What the opponent does now.
+    /// The opponent's action now.
     fn opponent_acts(&mut self, rng: &mut dyn RngCore) -> u16 {
         match &self.opponent {
             Policy::Network(_) => {
@@ -85,7 +85,7 @@ impl World for Team {
         self.particles.reset(rng);
     }
 
-    /// A network acts on what its agent sees, without noise, and so before anybody else does.
+    /// Computes a network's action, which depends on its agent's observation only, before the team acts.
     fn think_ahead(&mut self) {
         let layout = self.particles.game.layout();
         if let (Policy::Network(network), Some(role), None) =

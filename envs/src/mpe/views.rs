@@ -1,10 +1,10 @@
-//! What agents see and are rewarded for (mpe §6, §9).
+//! Observations and rewards (mpe §6, §9).
 
 use super::physics::{distance, from_to, squared};
 use super::{Game, Particles, Rules};
 
 impl Particles {
-    /// Writes what `agent` sees. Computed in double precision, narrowed last.
+    /// Writes the observation of `agent`. Computed in double precision, converted to float32 at the end.
     pub(super) fn view(&self, agent: usize, out: &mut [f32]) {
         assert_eq!(out.len(), self.game.layout().agents[agent].obs_size, "one place per observed number");
         let mut out = Writer { out, filled: 0 };
@@ -43,7 +43,7 @@ impl Particles {
         debug_assert_eq!(out.filled, out.out.len());
     }
 
-    /// The places of the other agents as `agent` sees them, in index order.
+    /// The positions of the other agents relative to `agent`, in index order.
     fn others(&self, agent: usize, out: &mut Writer) {
         let me = self.agents[agent].pos;
         for (_, other) in self.agents.iter().enumerate().filter(|(other, _)| *other != agent) {
@@ -51,12 +51,12 @@ impl Particles {
         }
     }
 
-    /// Writes each agent's own reward for where everybody is now.
+    /// Writes each agent's own reward for the present positions.
     pub(super) fn reward(&self, rewards: &mut [f64]) {
         match self.game {
             Game::SpeakerListener => {
                 let near = -squared(from_to(self.landmarks[self.goal], self.agents[1].pos));
-                // The study's code gives everybody the sum of both (mpe §9).
+                // The study's code gives every agent the sum of both (mpe §9).
                 rewards.fill(if self.rules == Rules::Study2021 { near + near } else { near });
             }
             Game::Adversary => {
@@ -86,7 +86,7 @@ impl Particles {
 /// The last agent of Tag.
 const PREY: usize = 3;
 
-/// What the prey loses for an axis on which it is `x` from the middle.
+/// The prey's penalty for an axis on which it is `x` from the middle.
 fn out_of_bounds(x: f64) -> f64 {
     if x < 0.9 {
         0.0

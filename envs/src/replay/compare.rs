@@ -1,10 +1,10 @@
-//! Compares recorded values with found ones and keeps the first difference.
+//! Compares recorded values with computed ones, counts differences and stores the first.
 
 use std::fmt::Debug;
 
 use super::Mismatch;
 
-/// The differences so far, and where in the trace the comparison is.
+/// The differences so far, and the present place in the trace.
 #[derive(Default)]
 pub(super) struct Findings {
     pub line: u64,
@@ -14,7 +14,7 @@ pub(super) struct Findings {
     pub first: Option<Mismatch>,
 }
 
-/// Equality as traces mean it: floats in every bit.
+/// Equality of traces: floats in every bit.
 pub(super) trait Same: Debug {
     fn same(&self, other: &Self) -> bool;
 }
@@ -47,7 +47,7 @@ impl Findings {
         }
     }
 
-    /// Both of one length, which the reader of the record has checked.
+    /// Two lists of one length, which the reader of the record has checked.
     pub fn list<T: Same>(&mut self, field: &str, expected: &[T], found: &[T]) {
         debug_assert_eq!(expected.len(), found.len());
         for (k, (expected, found)) in expected.iter().zip(found).enumerate() {
@@ -57,11 +57,11 @@ impl Findings {
         }
     }
 
-    /// Doubles that may differ by `tolerance`: absolutely where they are small, else in relation to their size.
+    /// Doubles that may differ by `tolerance`: absolute for small numbers, else relative to their size.
     pub fn near(&mut self, field: &str, expected: &[f64], found: &[f64], tolerance: f64) {
         debug_assert_eq!(expected.len(), found.len());
         for (k, (expected, found)) in expected.iter().zip(found).enumerate() {
-            // Not-a-number is near to nothing.
+            // NaN is near to nothing.
             let near = (expected - found).abs() <= tolerance * expected.abs().max(1.0);
             if !near {
                 self.differs(|| format!("{field}[{k}]"), expected, found);
@@ -69,7 +69,7 @@ impl Findings {
         }
     }
 
-    /// Two things that are compared as a whole.
+    /// Two values that are compared as a whole.
     pub fn whole<T: PartialEq + Debug>(&mut self, field: impl Fn() -> String, expected: &T, found: &T) {
         if expected != found {
             self.differs(field, expected, found);

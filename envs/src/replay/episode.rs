@@ -1,4 +1,4 @@
-//! What the replays of several families share: the order of records, their shapes, and what every agent sees.
+//! The common parts of the families' replays: the order of records, their shapes, and observations.
 
 use std::fmt::Debug;
 use std::io::BufRead;
@@ -7,10 +7,10 @@ use super::record::{EpymarlHeader, EpymarlStep, Kind};
 use super::{Findings, Lines, ReplayError, Report};
 use crate::{End, Sizes, World};
 
-/// Damage is described without its place, which the caller adds.
+/// Description of a damage. The caller adds its place.
 pub(super) type Damage = String;
 
-/// A family's part: what is in its records, and its world.
+/// A family's part: its records and its world.
 pub(super) trait Episodes {
     type Reset: serde::de::DeserializeOwned;
     type Step: serde::de::DeserializeOwned;
@@ -19,7 +19,7 @@ pub(super) trait Episodes {
     fn step(&mut self, step: &Self::Step, trace: &mut Trace) -> Result<(), Damage>;
 }
 
-/// Plays the records behind the header.
+/// Plays the records after the header.
 pub(super) fn play<R: BufRead, E: Episodes>(
     mut lines: Lines<R>,
     task: String,
@@ -45,7 +45,7 @@ pub(super) fn play<R: BufRead, E: Episodes>(
     Ok(Report { task, episodes, steps, mismatches, first })
 }
 
-/// Where in a trace a replay is, and what it has found.
+/// The present place in a trace, and the results so far.
 pub(super) struct Trace {
     pub findings: Findings,
     sizes: Sizes,
@@ -56,13 +56,13 @@ pub(super) struct Trace {
     available: Vec<u8>,
 }
 
-/// Where in an episode a trace is.
+/// The present place in an episode.
 pub(super) enum Progress {
     Before,
     Running,
-    /// The record and the world say so.
+    /// Both the record and the world have ended it.
     Over,
-    /// Only one of them says so, which is a mismatch already. The trace may go on either way.
+    /// Only one of them has ended it, which is already a mismatch. The trace may continue either way.
     Disputed,
 }
 
@@ -78,13 +78,13 @@ impl Trace {
         }
     }
 
-    /// Goes to the start of an episode.
+    /// Starts an episode.
     pub fn begin(&mut self, episode: u64) {
         self.progress = Progress::Running;
         (self.findings.episode, self.findings.t) = (episode, 0);
     }
 
-    /// An episode that breaks off has lost records.
+    /// Checks that the episode is complete: otherwise records are missing.
     pub fn check_over(&self) -> Result<(), Damage> {
         match self.progress {
             Progress::Running => {
@@ -112,7 +112,7 @@ impl Trace {
         ))
     }
 
-    /// Whether there is an observation and a mask for every agent, of the right length.
+    /// Checks that every agent has an observation and a mask of the right length.
     pub fn check_views(&self, obs: &[Vec<f64>], avail_actions: &[Vec<u8>]) -> Result<(), Damage> {
         check_length("obs", self.sizes.agents, obs.len())?;
         check_length("avail_actions", self.sizes.agents, avail_actions.len())?;
@@ -123,7 +123,7 @@ impl Trace {
         Ok(())
     }
 
-    /// Whether everybody chose an action that exists.
+    /// Checks that all actions exist.
     pub fn check_actions(&self, actions: &[u16]) -> Result<(), Damage> {
         check_length("actions", self.sizes.agents, actions.len())?;
         for (&action, &n_actions) in actions.iter().zip(&self.sizes.n_actions) {
@@ -148,8 +148,8 @@ impl Trace {
         }
     }
 
-    /// Compares rewards and ends of a step, and goes on to it. Of all agents, for a reference that knows no
-    /// truncation: it calls its own step limit termination, and only the wrapper outside sees a limit.
+    /// Compares rewards and ends of a step and moves to it, for a reference without truncation: it reports its own step
+    /// limit as a termination, and only the outer wrapper has a limit.
     pub fn compare_outcome(&mut self, recorded: &Outcome, rewards: &[f64], end: End) {
         let (terminated, truncated) =
             (end != End::Running, recorded.t >= u64::from(self.sizes.episode_limit));
@@ -170,7 +170,7 @@ impl Trace {
     }
 }
 
-/// What a record says that a step came to.
+/// The recorded outcome of a step.
 pub(super) struct Outcome<'a> {
     pub t: u64,
     pub rewards: &'a [f64],
@@ -179,7 +179,7 @@ pub(super) struct Outcome<'a> {
     pub epymarl: &'a EpymarlStep,
 }
 
-/// What a header says of the sizes of its task.
+/// The sizes in a header.
 pub(super) struct RecordedSizes<'a> {
     pub agents: &'a [String],
     pub obs_sizes: &'a Vec<usize>,
@@ -189,8 +189,8 @@ pub(super) struct RecordedSizes<'a> {
 }
 
 impl RecordedSizes<'_> {
-    /// What the header says twice must agree, or the trace is of another task than it claims. All agents are the
-    /// team's and see and do equally much.
+    /// Checks that the header's redundant numbers agree with the task. All agents are the team's and have the same
+    /// sizes.
     pub fn check(&self, sizes: &Sizes) -> Result<(), Damage> {
         let epymarl = self.epymarl;
         let (agents, obs_size, n_actions) = (sizes.agents, sizes.obs_size[0], sizes.n_actions[0]);

@@ -30,7 +30,7 @@ fn world(header: &Header) -> Result<Foraging, Damage> {
         sight: params.sight,
         penalty: params.penalty,
         episode_limit: header.episode_limit,
-        // Versions differ in the reset only, which a replay does not draw.
+        // Versions differ in the reset only, which a replay does not use.
         rules: Rules::V3,
     };
     let world = Foraging::new(config).map_err(|why| format!("impossible task: {why}"))?;

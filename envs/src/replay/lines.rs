@@ -1,4 +1,4 @@
-//! A trace line by line, and errors that say where in it.
+//! A trace line by line, with errors that name the place.
 
 use std::io::BufRead;
 
@@ -33,7 +33,7 @@ impl<'n, R: BufRead> Lines<'n, R> {
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ReplayError> {
         serde_json::from_slice(&self.line).map_err(|error| {
             let text = error.to_string();
-            // A record is one line, whose number in the file is known better here.
+            // Each record is one line; the error gets its number in the file instead.
             let text = text.split(" at line ").next().unwrap_or_default();
             let cut = if error.is_eof() { "; the line looks cut off" } else { "" };
             self.damaged(format!("expected a record as JSON: {text} (column {}){cut}", error.column()))

@@ -1,5 +1,5 @@
-//! Replays recorded traces of reference environments and compares every value with what the worlds here make of
-//! the same start and the same actions.
+//! Replays recorded traces of reference environments: compares every value with those of the worlds here for the same
+//! start and the same actions.
 //!
 //! A trace is a text of one JSON object per line: a header, then episodes of one `reset` and its `step`s.
 
@@ -19,17 +19,17 @@ use serde::Deserialize;
 use compare::Findings;
 use lines::Lines;
 
-/// The version of the trace format that is understood.
+/// The supported version of the trace format.
 const FORMAT_VERSION: u32 = 1;
 
-/// What came out of a replay that could be played to its end.
+/// The result of a complete replay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// As the header names it.
     pub task: String,
     pub episodes: u64,
     pub steps: u64,
-    /// Values that differ. An episode is played on from its own state, so one cause may count often.
+    /// Values that differ. An episode continues from its own state, so one cause may count several times.
     pub mismatches: u64,
     pub first: Option<Mismatch>,
 }
@@ -45,7 +45,7 @@ pub struct Mismatch {
     pub field: String,
     /// As recorded.
     pub expected: String,
-    /// As it came out here.
+    /// As computed here.
     pub found: String,
 }
 
@@ -62,10 +62,10 @@ pub enum ReplayError {
     Unsupported { file: String, family: String, task: String },
 }
 
-/// Replays a whole trace. `name` stands for it in messages, for instance its path.
+/// Replays a whole trace. `name` is its name in messages, for instance its path.
 ///
-/// A value that differs is counted in the report. What makes a replay meaningless (a line that is no record, a
-/// state that cannot be, an episode that breaks off) is an error.
+/// The report counts values that differ. Anything that makes a replay meaningless (a line that is not a record, an
+/// impossible state, an incomplete episode) is an error.
 pub fn replay(lines: impl BufRead, name: &str) -> Result<Report, ReplayError> {
     let mut lines = Lines::new(lines, name);
     if !lines.advance()? {

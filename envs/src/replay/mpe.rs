@@ -1,7 +1,7 @@
-//! The replay of a particle trace: set each recorded start, play the recorded actions of all agents, compare
-//! everything: what the package itself shows, and what EPyMARL makes of it.
+//! The replay of a particle trace: set each recorded start, play the recorded actions of all agents, and compare the
+//! package's own values and EPyMARL's.
 //!
-//! Numbers are equal when they are near: a recorded `exp` may have been rounded otherwise.
+//! Numbers may differ a little: a recorded `exp` may have been rounded otherwise.
 
 use std::io::BufRead;
 
@@ -82,13 +82,13 @@ struct Step {
     state: State,
 }
 
-/// What EPyMARL reports of a step.
+/// EPyMARL's report of a step.
 #[derive(Deserialize)]
 struct Wrapped {
     reward: f64,
     terminated: bool,
     truncated: bool,
-    /// Where it shows the observation from before the step again.
+    /// Present if it repeats the observation from before the step.
     obs: Option<Repeated>,
 }
 
@@ -212,7 +212,7 @@ impl Replay {
         findings.value("truncated", &step.truncated, &over);
         let reward = self.wrapped_rewards[self.layout.team.clone()].iter().sum();
         findings.near("epymarl.reward", &[epymarl.reward], &[reward], TOLERANCE);
-        // EPyMARL does not tell the two ends apart here.
+        // EPyMARL does not distinguish the two ends here.
         findings.value("epymarl.terminated", &epymarl.terminated, &wrapped_over);
         findings.value("epymarl.truncated", &epymarl.truncated, &wrapped_over);
 
@@ -225,7 +225,7 @@ impl Replay {
         Ok(())
     }
 
-    /// An episode that breaks off has lost records.
+    /// Checks that the episode is complete: otherwise records are missing.
     fn check_over(&self) -> Result<(), Damage> {
         match self.progress {
             Progress::Running => {
@@ -257,7 +257,7 @@ impl Replay {
         }
     }
 
-    /// What the learners' agents see under EPyMARL.
+    /// Compares the team's observations under EPyMARL.
     fn compare_wrapped_views(&mut self, obs: &[Vec<f64>]) {
         for i in self.layout.team.clone() {
             let field = format!("epymarl.obs[{i}]");
@@ -282,7 +282,7 @@ impl Replay {
     }
 }
 
-/// The float32 values that recorded observations stand for.
+/// The float32 values of recorded observations.
 fn narrowed(obs: &[f64]) -> Vec<f64> {
     obs.iter().map(|&number| f64::from(number as f32)).collect()
 }
@@ -298,7 +298,7 @@ fn most<'a>(sizes: impl Iterator<Item = &'a usize>) -> usize {
     sizes.copied().max().unwrap_or(0)
 }
 
-/// The header says all numbers of the game. Others would be another game.
+/// Checks the header's numbers of the game.
 fn check_header(header: &Header, layout: &Layout, world: &Particles) -> Result<(), Damage> {
     let sizes = world.sizes();
     check_same("n_agents", &sizes.agents, &header.n_agents)?;

@@ -1,4 +1,4 @@
-//! The records of a foraging trace. Fields that a replay does not need are left out.
+//! The records of a foraging trace, without the fields that a replay does not need.
 
 use serde::Deserialize;
 
@@ -25,7 +25,7 @@ pub(super) struct Params {
     pub penalty: f64,
 }
 
-/// What the training framework EPyMARL makes of the task.
+/// The task as EPyMARL sees it.
 #[derive(Deserialize)]
 pub(super) struct EpymarlHeader {
     pub controlled: Vec<usize>,
@@ -36,7 +36,7 @@ pub(super) struct EpymarlHeader {
     pub episode_limit: u32,
 }
 
-/// Enough of a record to know which one it is.
+/// The part of a record that identifies it.
 #[derive(Deserialize)]
 #[serde(expecting = "an object")]
 pub(super) struct Kind {

@@ -1,5 +1,5 @@
-//! The replay of a warehouse trace: set each recorded start, play the recorded actions with the recorded draws,
-//! compare everything.
+//! The replay of a warehouse trace: set each recorded start, play the recorded actions with the recorded draws, and
+//! compare all values.
 
 use std::io::BufRead;
 
@@ -90,7 +90,7 @@ struct Later {
     step: u32,
 }
 
-/// A robot; they are numbered from 1, and shelf 0 is none.
+/// A robot. Robots are numbered from 1; shelf 0 means none.
 #[derive(Debug, PartialEq, Deserialize)]
 struct Agent {
     id: usize,
@@ -126,7 +126,7 @@ fn world(header: &Header) -> Result<Warehouse, Damage> {
             "expected a grid of shelf blocks between highways, 3 columns each and 1 more, found {width}x{height} cells"
         )
     })?;
-    // The rows of the map tell how high the blocks are. Where none fits, the first shows what is wrong.
+    // The rows of the map show the height of the blocks. If none fits, the error is that of the first.
     let mut world = first?;
     let fits = |world: &Warehouse| highways(world.layout()) == header.params.highways;
     if !fits(&world) {
@@ -160,7 +160,7 @@ fn blocks(width: u16, height: u16) -> impl Iterator<Item = (u16, u16, u16)> {
     })
 }
 
-/// The map as headers draw it.
+/// The map in the form of headers.
 fn highways(layout: &Layout) -> Vec<String> {
     let cell = |x, y| if layout.is_highway(x, y) { '1' } else { '0' };
     (0..layout.height).map(|y| (0..layout.width).map(|x| cell(x, y)).collect()).collect()
@@ -237,15 +237,15 @@ impl Replay {
     }
 }
 
-/// The recorded choice. Where there is none, or none that the rules allow, the first shelf that they do allow:
-/// the comparison of draws will tell.
+/// The recorded choice. If it is missing or not allowed, the first allowed shelf: the comparison of draws then finds
+/// the difference.
 fn recorded_draw(recorded: Option<&u16>, requests: &Requests) -> u16 {
     let allowed = |id: &u16| requests.unrequested().any(|other| other == *id);
     let first = || requests.unrequested().next().expect("a warehouse has more shelves than requests");
     recorded.copied().filter(allowed).unwrap_or_else(first)
 }
 
-/// Groups in the order of their robots; the trace's own order means nothing.
+/// Groups in the order of their robots; the trace's own order has no meaning.
 fn in_order(ties: &[Vec<usize>]) -> Vec<Vec<usize>> {
     let mut ties = ties.to_vec();
     ties.sort();

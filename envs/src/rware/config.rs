@@ -1,4 +1,4 @@
-//! What a warehouse is built from, and which numbers cannot work.
+//! The parameters of a warehouse, and their checks.
 
 use std::fmt;
 
@@ -6,9 +6,9 @@ use super::layout::{sides, Layout};
 
 /// The longest side of a grid: far beyond any published task.
 const MAX_SIDE: u64 = 255;
-/// The most robots: the reference registers up to 19; a search for the longest train keeps them in 64 bits.
+/// The most robots: the reference registers up to 19, and the search for the longest train stores them in 64 bits.
 pub(super) const MAX_ROBOTS: u16 = 64;
-/// As far as the reference registers tasks; observations grow with its square.
+/// The largest sight that the reference registers; observations grow with its square.
 const MAX_SENSOR_RANGE: u16 = 5;
 
 /// The parameters of a warehouse.
@@ -30,7 +30,7 @@ pub struct Config {
     pub rules: Rules,
 }
 
-/// A version of the rules, named like the suffix of the reference's task ids. Both play alike (rware §8).
+/// A version of the rules, named like the suffix of the reference's task ids. Both are played alike (rware §8).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rules {
     /// `rware` 1.0.x.
@@ -86,7 +86,7 @@ pub enum Impossible {
         "{requests} requests are too many for {shelves} shelves; one at least must be left to be requested next"
     )]
     Requests { requests: u16, shelves: usize },
-    #[error("no shelf would ever be requested, so nobody could earn anything")]
+    #[error("there must be at least 1 request; without requests no robot can earn a reward")]
     NoRequests,
     #[error("a robot must see 1 to {MAX_SENSOR_RANGE} cells far, not {found}")]
     SensorRange { found: u16 },
@@ -95,7 +95,7 @@ pub enum Impossible {
 }
 
 impl Config {
-    /// The floor plan of a warehouse that can be built. Traces may have an empty request queue.
+    /// Checks the parameters and returns the floor plan. Traces may have an empty request queue.
     pub(super) fn layout(&self) -> Result<Layout, Impossible> {
         let (rows, columns, high) = (self.shelf_rows, self.shelf_columns, self.column_height);
         for (what, found) in [("shelf rows", rows), ("shelves in a column", high)] {
@@ -132,7 +132,7 @@ impl Config {
         Ok(layout)
     }
 
-    /// Whether there is something to play for, too.
+    /// Checks that there are requests, too.
     pub(super) fn check_playable(&self) -> Result<(), Impossible> {
         self.layout()?;
         if self.requests == 0 {

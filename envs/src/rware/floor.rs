@@ -1,18 +1,18 @@
-//! What stands on the floor, cell by cell, and what a robot sees of it (rware §3, §6).
+//! Robots and shelves by cell, and what a robot sees of them (rware §3, §6).
 
 use super::{Direction, Layout};
 
-/// Numbers that are seen per cell: robot, its direction one-hot, shelf, requested.
+/// Observed numbers per cell: robot, its direction one-hot, shelf, requested.
 pub(super) const SEEN: usize = 7;
 const SHELF: usize = 5;
 const REQUESTED: usize = 6;
-/// An absent robot looks up.
+/// Without a robot the direction is up.
 const EMPTY: [f32; SEEN] = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
 
-/// A cell of the floor. Around the grid lies a border as wide as robots see, on which nothing ever stands.
+/// A cell of the floor. The grid has a border as wide as robots see, which is always empty.
 pub(super) type Cell = usize;
 
-/// The two occupancy layers, and beside them what they look like, kept ready so that to observe is to copy.
+/// The two occupancy layers, and the observed numbers of each cell, kept up to date so that an observation is a copy.
 #[derive(Debug, Clone)]
 pub(super) struct Floor {
     border: usize,
@@ -21,7 +21,7 @@ pub(super) struct Floor {
     robots: Vec<u16>,
     /// Shelf id by cell; 0 is none.
     shelves: Vec<u16>,
-    /// By shelf id; that of id 0 means nothing.
+    /// By shelf id; id 0 is unused.
     cell_of_shelf: Vec<Cell>,
     /// [`SEEN`] numbers per cell.
     seen: Vec<f32>,
@@ -60,7 +60,7 @@ impl Floor {
         ((cell % self.stride - self.border) as u16, (cell / self.stride - self.border) as u16)
     }
 
-    /// The next cell in that direction; that of a cell at a wall is on the border.
+    /// The next cell in that direction, at a wall a cell of the border.
     pub fn ahead(&self, cell: Cell, direction: Direction) -> Cell {
         match direction {
             Direction::Up => cell - self.stride,
@@ -84,7 +84,7 @@ impl Floor {
         self.cell_of_shelf[usize::from(id)]
     }
 
-    /// Puts a robot on a cell, or turns the one that is there.
+    /// Puts a robot on a cell, or turns the robot there.
     pub fn put_robot(&mut self, cell: Cell, robot: usize, direction: Direction) {
         self.robots[cell] = robot as u16 + 1;
         let seen = &mut self.seen[cell * SEEN..][..SHELF];
@@ -110,7 +110,7 @@ impl Floor {
         self.seen[cell * SEEN + SHELF..][..2].fill(0.0);
     }
 
-    /// Shows a shelf that is on the floor as requested or not.
+    /// Marks a shelf on the floor as requested or not.
     pub fn mark(&mut self, id: u16, requested: bool) {
         let cell = self.cell_of_shelf(id);
         self.seen[cell * SEEN + REQUESTED] = f32::from(u8::from(requested));

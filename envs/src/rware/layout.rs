@@ -1,13 +1,13 @@
-//! Where a warehouse has highways, shelf slots and goals (rware §2).
+//! The highways, shelf slots and goals of a warehouse (rware §2).
 
 /// The floor plan. Cells are `(x, y)`, x to the right, y downwards, both from 0.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Layout {
     pub width: u16,
     pub height: u16,
-    /// In the order in which deliveries are looked at.
+    /// In the order in which deliveries are checked.
     pub goals: [(u16, u16); 2],
-    /// Where the shelves 1, 2, … belong: all cells that are no highway, row by row.
+    /// The slots of the shelves 1, 2, …: all cells that are not highways, row by row.
     pub slots: Vec<(u16, u16)>,
     /// Row by row.
     highway: Vec<bool>,

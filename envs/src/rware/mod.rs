@@ -1,7 +1,7 @@
 //! Multi-robot warehouse: robots on a grid carry requested shelves to the goals and put them back.
 //!
-//! The rules are those of the environment specification for RWARE, whose sections the comments cite. All chance
-//! of a step is in which shelf is requested after a delivery; a step allocates nothing.
+//! The rules are in `docs/spec/rware.md`; comments cite its sections. The only randomness in a step is the shelf that
+//! is requested after a delivery. A step allocates nothing.
 
 mod config;
 mod floor;
@@ -88,10 +88,10 @@ pub const TURN_RIGHT: u16 = 3;
 pub const TOGGLE_LOAD: u16 = 4;
 pub const N_ACTIONS: usize = 5;
 
-/// What an observation says of the robot itself, before what it sees around it (rware §6).
+/// Numbers about the robot itself, at the start of an observation (rware §6).
 const OF_ITSELF: usize = 8;
 
-/// Where a robot faces, numbered as in observations.
+/// The direction of a robot, numbered as in observations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "UPPERCASE")]
 pub enum Direction {
@@ -125,19 +125,19 @@ pub struct Warehouse {
     layout: Layout,
     sizes: Sizes,
     robots: Vec<Robot>,
-    /// Kept in step with `robots`, and holds the shelves.
+    /// Holds the shelves, and the robots a second time, by cell.
     floor: Floor,
     requests: Requests,
     step: u32,
     /// Shelves delivered since the start of the episode.
     deliveries: u32,
-    /// The actions of the last step, where blocked and losing moves became [`NOOP`].
+    /// The actions of the last step, with [`NOOP`] for moves that were not granted.
     effective: Vec<u16>,
     traffic: Traffic,
 }
 
 impl Warehouse {
-    /// A world with all shelves on their slots and the robots in the first cells: reset it first.
+    /// A world with all shelves on their slots and the robots in the first cells. Reset it before use.
     pub fn new(config: Config) -> Result<Warehouse, Impossible> {
         let layout = config.layout()?;
         let agents = usize::from(config.robots);
@@ -176,18 +176,18 @@ impl Warehouse {
         &self.layout
     }
 
-    /// What the robots did in the last step, after blocked and losing moves became [`NOOP`] (rware §5.2).
+    /// The actions of the last step, with [`NOOP`] for moves that were not granted (rware §5.2).
     pub fn effective_actions(&self) -> &[u16] {
         &self.effective
     }
 
-    /// The groups of robots (from 0, ascending) that in the last step wanted one cell, which nobody kept, with
-    /// equally long trains behind them (rware §5.3); who of them moved is in [`Warehouse::effective_actions`].
+    /// The ties of the last step: groups of robots (from 0, ascending) that wanted one free cell, with equally long
+    /// trains behind them (rware §5.3). [`Warehouse::effective_actions`] shows which of them moved.
     pub fn ties(&self) -> Vec<Vec<usize>> {
         self.traffic.ties()
     }
 
-    /// A step that asks `redraw` for each newly requested shelf: one of [`Requests::unrequested`].
+    /// A step in which `redraw` chooses each newly requested shelf: one of [`Requests::unrequested`].
     pub(crate) fn step_with(
         &mut self,
         actions: &[u16],
@@ -209,7 +209,7 @@ impl Warehouse {
         }
     }
 
-    /// rware §5.1: which cell each robot wants, and who stays because a shelf stands before its load.
+    /// Sets the cell that each robot wants; a robot with a load stays if a shelf stands ahead (rware §5.1).
     fn want_cells(&mut self, actions: &[u16]) {
         for (i, (robot, &action)) in self.robots.iter().zip(actions).enumerate() {
             let own = self.floor.cell(robot.place());
@@ -228,13 +228,14 @@ impl Warehouse {
         }
     }
 
-    /// A shelf on a cell stands there, unless the robot on that cell has a load, which can only be this one.
+    /// A shelf on a cell stands there, unless the robot on that cell has a load: then it carries this shelf.
     fn is_shelf_standing(&self, cell: usize) -> bool {
         let is_loaded = |robot: usize| self.robots[robot].carrying.is_some();
         self.floor.shelf(cell).is_some() && !self.floor.robot(cell).is_some_and(is_loaded)
     }
 
-    /// rware §5.4. Everybody leaves its cell before anybody enters one, as one may be another's.
+    /// Carries out the granted actions (rware §5.4). All robots leave their cells before any enters a new one, which
+    /// may be another's old cell.
     fn act(&mut self) {
         let Traffic { own, wanted, granted } = &self.traffic;
         for (i, robot) in self.robots.iter_mut().enumerate() {
@@ -272,15 +273,15 @@ impl Warehouse {
         }
     }
 
-    /// rware §5.5. A shelf that is drawn at the first goal while it is on the second is delivered in the same step.
+    /// Deliveries (rware §5.5). A shelf on the second goal that is drawn for the first is delivered in the same step.
     fn deliver(&mut self, rewards: &mut [f64], mut redraw: impl FnMut(&Requests) -> u16) {
         for goal in self.layout.goals {
             let cell = self.floor.cell(goal);
             let Some(shelf) = self.floor.shelf(cell).filter(|&shelf| self.requests.contains(shelf)) else {
                 continue;
             };
-            // Only in an arranged state can a shelf be here without a robot. The reference then looks up robot
-            // number 0 − 1, which in its language is the last one.
+            // Only in a state set by a test can a shelf be here without a robot. The reference then uses the index −1,
+            // which is the last robot.
             let robot = self.floor.robot(cell).unwrap_or(rewards.len() - 1);
             rewards[robot] += 1.0;
             self.deliveries = self.deliveries.saturating_add(1);
@@ -305,7 +306,7 @@ impl World for Warehouse {
         self.step_with(actions, rewards, |requests| requests.draw(rng))
     }
 
-    /// rware §6: the robot itself, then the square around it.
+    /// The robot itself, then the square around it (rware §6).
     fn observe(&self, agent: usize, out: &mut [f32]) {
         assert_eq!(out.len(), self.sizes.obs_size[agent], "one place per observed number");
         let Robot { x, y, direction, carrying } = self.robots[agent];

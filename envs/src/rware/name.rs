@@ -39,9 +39,8 @@ pub(crate) enum NameError {
     Impossible(#[from] Impossible),
 }
 
-/// Reads a name; `None` when it is of another family. The case of letters does not matter, and the ids that the
-/// reference registers (`rware-tiny-2ag-easy-v2`, `rware-1x3-8h-2ag-4req-indiv-v2`, also behind `rware:`) mean the
-/// same as there.
+/// Parses a name; `None` if it is of another family. Case is ignored. The ids that the reference registers
+/// (`rware-tiny-2ag-easy-v2`, `rware-1x3-8h-2ag-4req-indiv-v2`, also after `rware:`) have the same meaning as there.
 pub(crate) fn parse(name: &str) -> Option<Result<Config, NameError>> {
     let name = name.to_ascii_lowercase();
     let of_package = name.strip_prefix("rware:");
@@ -49,14 +48,14 @@ pub(crate) fn parse(name: &str) -> Option<Result<Config, NameError>> {
     Some(parse_id(id, of_package.is_some()))
 }
 
-/// Reads what follows `rware-`. Rondo's own names and the reference's ids have one form, but some words are the
-/// reference's alone: with one of those, or where it is named, the id must be one that it registers.
+/// Parses what follows `rware-`. Rondo's names and the reference's ids have one form, but some words occur in the
+/// reference's ids only. With such a word, or with the prefix `rware:`, the id must be one that it registers.
 fn parse_id(id: &str, of_package: bool) -> Result<Config, NameError> {
     let (image, parts) = match id.split_once('-') {
         Some((word @ ("img" | "imgdict"), rest)) => (Some(word.to_owned()), rest),
         _ => (None, id),
     };
-    // Whether images turn with the robot. It says nothing about vectors, and there are ids of vectors with it.
+    // Whether images turn with the robot. It has no effect on vectors, but ids of vectors contain it too.
     let (turned, parts) = match parts.strip_prefix("nd-") {
         Some(rest) => (true, rest),
         None => (false, parts),
@@ -78,9 +77,9 @@ fn parse_id(id: &str, of_package: bool) -> Result<Config, NameError> {
     Ok(config)
 }
 
-/// The reference's words for what robots are paid for.
+/// The reference's words for its kinds of rewards.
 enum Reward {
-    /// Each for its own deliveries, which is the only way here.
+    /// Each robot for its own deliveries; the only kind here.
     Individual,
     Global,
     TwoStage,
@@ -179,8 +178,8 @@ fn wrong(expected: &'static str, found: Option<&str>) -> NameError {
 }
 
 impl Config {
-    /// The one name that Rondo prints for these numbers: nothing that is as usual, words where there are some.
-    /// The step limit has no place in names.
+    /// The canonical name of these parameters: without defaults, and with words where there are some. The step limit is
+    /// not part of names.
     pub fn name(&self) -> String {
         let Config { shelf_rows, shelf_columns, column_height, robots, requests, sensor_range, .. } = *self;
         let sight = if sensor_range == SENSOR_RANGE { String::new() } else { format!("{sensor_range}s-") };
@@ -313,7 +312,10 @@ mod tests {
                 "rware-tiny-16ag-easy",
                 "32 requests are too many for 32 shelves; one at least must be left to be requested next",
             ),
-            ("rware-tiny-1ag-hard", "no shelf would ever be requested, so nobody could earn anything"),
+            (
+                "rware-tiny-1ag-hard",
+                "there must be at least 1 request; without requests no robot can earn a reward",
+            ),
             ("rware-0s-tiny-2ag", "a robot must see 1 to 5 cells far, not 0"),
             ("rware-6s-tiny-2ag", "a robot must see 1 to 5 cells far, not 6"),
         ] {

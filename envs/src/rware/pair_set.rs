@@ -1,16 +1,16 @@
-//! The order in which CPython iterates over a set of coordinate pairs, which decides some ties (rware §5.3).
+//! CPython's iteration order of a set of coordinate pairs, which decides some ties (rware §5.3).
 //!
-//! A set is an open hash table whose slots are read from first to last, so the order follows from the hashes of
-//! the members and from the order in which they came. Members are never removed here.
+//! A set is an open hash table that is read slot by slot, so the order follows from the members' hashes and the order
+//! of insertion. Members are never removed here.
 
 use super::traffic::MAX_CELLS;
 
 /// Slots of a new table.
 const SMALLEST: usize = 8;
-/// Room for [`MAX_CELLS`] / 2 members, more of which no tie needs: see the rule of growth.
+/// Room for [`MAX_CELLS`] / 2 members by the rule of growth; no tie needs more.
 const LARGEST: usize = 128;
 const _: () = assert!(MAX_CELLS / 2 * 5 < (LARGEST - 1) * 3);
-/// Slots that are tried in a row before the next jump, where that many follow.
+/// Slots after the first that are tried before the next jump, if the table has so many.
 const RUN: usize = 9;
 
 /// A set of pairs `(x, y)`.
@@ -31,7 +31,7 @@ impl PairSet {
         set
     }
 
-    /// The pairs as CPython would list them.
+    /// The pairs in CPython's order.
     pub fn iter(&self) -> impl Iterator<Item = (u16, u16)> + '_ {
         self.slots[..self.size].iter().flatten().copied()
     }
@@ -47,7 +47,7 @@ impl PairSet {
         }
     }
 
-    /// To more than four times the members, who move in slot order.
+    /// Grows to more than four times the members, which are inserted again in slot order.
     fn grow(&mut self) {
         let old = std::mem::replace(&mut self.slots, [None; LARGEST]);
         while self.size <= 4 * self.members {
@@ -59,7 +59,7 @@ impl PairSet {
         }
     }
 
-    /// Where the pair is, or the free slot where it belongs.
+    /// The slot of the pair, or the free slot for it.
     fn slot_for(&self, pair: (u16, u16)) -> usize {
         let hash = hash(pair);
         let mask = self.size as u64 - 1;
@@ -99,7 +99,7 @@ fn hash((x, y): (u16, u16)) -> u64 {
 mod tests {
     use super::*;
 
-    /// Members as they came, and as CPython 3.11 listed them.
+    /// Members in order of insertion, and in CPython 3.11's order.
     type Listed<'a> = (&'a [(u16, u16)], &'a [(u16, u16)]);
 
     const SETS: [Listed; 4] = [

@@ -1,10 +1,10 @@
-//! The task ids that releases of `rware` register, by themselves or on request.
+//! The task ids that releases of `rware` register, by default or on request.
 
 use super::name::{COLUMN_HEIGHT, SENSOR_RANGE, SIZES};
 use super::Config;
 
-/// Whether `id`, which follows `rware-` and means these numbers, is one of them. Without a version gymnasium takes
-/// the newest.
+/// Whether `id`, the part after `rware-` for these parameters, is one of them. Without a version gymnasium takes the
+/// newest.
 pub(super) fn is_id(id: &str, config: &Config) -> bool {
     let Config { shelf_rows, shelf_columns, column_height, robots, requests, sensor_range, rules, .. } =
         *config;

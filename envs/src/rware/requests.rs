@@ -1,4 +1,4 @@
-//! The queue of requested shelves, and what takes a delivered one's place (rware §5.5).
+//! The queue of requested shelves, and the draw after a delivery (rware §5.5).
 
 use rand::RngCore;
 
@@ -39,7 +39,7 @@ impl Requests {
         }
     }
 
-    /// Requests other shelves, as many, every choice equally likely.
+    /// Requests the same number of new shelves; every choice is equally likely.
     pub fn redraw_all(&mut self, rng: &mut dyn RngCore) {
         self.requested.fill(false);
         let shelves = self.requested.len() as u32 - 1;
@@ -54,12 +54,12 @@ impl Requests {
         }
     }
 
-    /// All shelves that nobody asks for, in the order of their ids; at least one.
+    /// All shelves that are not requested, in the order of their ids; at least one.
     pub fn unrequested(&self) -> impl Iterator<Item = u16> + '_ {
         (1..).zip(&self.requested[1..]).filter(|(_, &requested)| !requested).map(|(id, _)| id)
     }
 
-    /// One of the unrequested shelves, every one equally likely.
+    /// A uniformly random shelf that is not requested.
     pub fn draw(&self, rng: &mut dyn RngCore) -> u16 {
         let count = self.requested.len() - 1 - self.queue.len();
         let choice = below(rng, count as u32) as usize;

@@ -1,4 +1,4 @@
-//! How an episode starts (rware §4).
+//! The start of an episode (rware §4).
 
 use rand::RngCore;
 
@@ -9,7 +9,7 @@ impl Warehouse {
     pub(super) fn draw_start(&mut self, rng: &mut dyn RngCore) {
         let (width, height) = (u32::from(self.layout.width), u32::from(self.layout.height));
         for i in 0..self.robots.len() {
-            // Distinct cells: one that is taken is drawn again.
+            // Distinct cells: a taken one is drawn again.
             let place = loop {
                 let cell = below(rng, width * height);
                 let place = ((cell % width) as u16, (cell / width) as u16);
@@ -45,7 +45,7 @@ impl Warehouse {
         }
     }
 
-    /// Forgets what the last step left behind.
+    /// Clears the record of the last step.
     pub(super) fn begin(&mut self, step: u32) {
         self.step = step;
         self.deliveries = 0;

@@ -1,15 +1,15 @@
-//! The complete state of a warehouse, to look at or to put a world into, as recorded traces do.
+//! The complete state of a warehouse, to read and to set, as replays of traces do.
 
 use std::collections::HashMap;
 
 use super::{Direction, Layout, Warehouse};
 
-/// Everything that decides how an episode goes on (rware §3).
+/// Everything that the rest of an episode depends on (rware §3).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct State {
     /// In index order; the reference numbers them from 1.
     pub robots: Vec<Robot>,
-    /// Where the shelves 1, 2, … are, standing or carried.
+    /// The positions of the shelves 1, 2, …, standing or carried.
     pub shelves: Vec<(u16, u16)>,
     /// Shelf ids in slot order.
     pub request_queue: Vec<u16>,
@@ -23,7 +23,7 @@ pub struct Robot {
     pub x: u16,
     pub y: u16,
     pub direction: Direction,
-    /// The id of the shelf on its back.
+    /// The id of the shelf that it carries.
     pub carrying: Option<u16>,
 }
 
@@ -42,7 +42,7 @@ impl Robot {
     }
 }
 
-/// Why a world cannot be put into a state. Robots are numbered from 1, as in the reference.
+/// Why a state cannot be set. Robots are numbered from 1, as in the reference.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum StateError {
     #[error("expected {expected} robots, found {found}")]
@@ -64,7 +64,7 @@ pub enum StateError {
 }
 
 impl Warehouse {
-    /// The state now.
+    /// The present state.
     pub fn state(&self) -> State {
         let ids = 1..=self.layout.slots.len() as u16;
         State {
@@ -75,8 +75,7 @@ impl Warehouse {
         }
     }
 
-    /// Puts the world into `state`, which need not be one that an episode could reach. After an error the world
-    /// is as it was.
+    /// Sets the state, which need not be one that an episode can reach. After an error the world is unchanged.
     pub fn set_state(&mut self, state: &State) -> Result<(), StateError> {
         self.check_state(state)?;
         self.robots.copy_from_slice(&state.robots);
@@ -126,7 +125,7 @@ impl Warehouse {
         Ok(())
     }
 
-    /// Whether all are on the grid, and no two on one cell.
+    /// Checks that all are on the grid and no two on one cell.
     fn check_places(&self, what: &str, places: impl Iterator<Item = (u16, u16)>) -> Result<(), StateError> {
         let Layout { width, height, .. } = self.layout;
         let mut on = HashMap::new();

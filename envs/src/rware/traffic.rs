@@ -1,13 +1,13 @@
-//! Who may move: the cells that robots want, and who gets them (rware §5.1 to §5.3).
+//! Which robots may move: the cells that they want, and which robot gets each (rware §5.1 to §5.3).
 
 use super::config::MAX_ROBOTS;
 use super::floor::{Cell, Floor};
 use super::pair_set::PairSet;
 
-/// Every robot mentions the cell it is on and the one it wants.
+/// Every robot mentions its own cell and the one it wants.
 pub(super) const MAX_CELLS: usize = 2 * MAX_ROBOTS as usize;
 
-/// The graph of a step: robot `i` is on `own[i]` and wants `wanted[i]`, which is the same where it stays.
+/// The graph of a step: robot `i` is on `own[i]` and wants `wanted[i]`, which is its own cell if it stays.
 #[derive(Debug, Clone)]
 pub(super) struct Traffic {
     pub own: Vec<Cell>,
@@ -21,13 +21,13 @@ impl Traffic {
         Traffic { own: vec![0; robots], wanted: vec![0; robots], granted: vec![false; robots] }
     }
 
-    /// Decides what is granted. `floor` has the robots on their own cells.
+    /// Decides which actions are granted. `floor` has the robots on their own cells.
     pub fn settle(&mut self, floor: &Floor) {
         self.granted.fill(false);
         for robot in 0..self.own.len() {
             let wanted = self.wanted[robot];
             if floor.robot(wanted).is_some() {
-                // To stay is a ring of one. Two cannot swap, more can move on together.
+                // A robot that stays is a ring of one. Two cannot swap; a longer ring can move.
                 self.granted[robot] |= self.ring(robot, floor).is_some_and(|length| length != 2);
             } else if !self.wanted[..robot].contains(&wanted) {
                 self.admit(wanted, floor);
@@ -35,7 +35,7 @@ impl Traffic {
         }
     }
 
-    /// How many robots form the ring that this one is part of, each on the cell that the one behind wants.
+    /// The length of the ring that this robot is part of: each is on the cell that the one behind wants.
     fn ring(&self, robot: usize, floor: &Floor) -> Option<usize> {
         let mut at = robot;
         for length in 1..=self.own.len() {
@@ -47,7 +47,7 @@ impl Traffic {
         None
     }
 
-    /// Grants the longest path into a cell that nobody is on.
+    /// Grants the longest path into a free cell.
     fn admit(&mut self, free: Cell, floor: &Floor) {
         let mut cell = free;
         while let Some(robot) = self.winner(cell, floor) {
@@ -56,7 +56,7 @@ impl Traffic {
         }
     }
 
-    /// The robot that comes next on the longest path back from `cell`.
+    /// The next robot on the longest path back from `cell`.
     fn winner(&self, cell: Cell, floor: &Floor) -> Option<usize> {
         let mut rivals = self.rivals(cell);
         let first = rivals.next()?;
@@ -70,12 +70,12 @@ impl Traffic {
         self.first_in_cell_order(cell, tied, floor)
     }
 
-    /// Who wants a cell without being on it, in robot order.
+    /// The robots that want a cell and are not on it, in robot order.
     fn rivals(&self, cell: Cell) -> impl Iterator<Item = usize> + '_ {
         (0..self.own.len()).filter(move |&robot| self.wanted[robot] == cell && self.own[robot] != cell)
     }
 
-    /// Those rivals for a cell who have the longest train behind them, as bits.
+    /// The rivals for a cell with the longest train, as bits.
     fn longest_trains(&self, cell: Cell) -> u64 {
         let (mut tied, mut longest) = (0, 0);
         for rival in self.rivals(cell) {
@@ -90,8 +90,8 @@ impl Traffic {
         tied
     }
 
-    /// How many robots the longest train has that this one leads. `ahead` are those in front, as bits: on a ring
-    /// a train ends where it would bite its own tail.
+    /// The length of the longest train that this robot leads. `ahead` are the robots in front, as bits: on a ring a
+    /// train ends where it would meet itself.
     fn train(&self, robot: usize, ahead: u64) -> u32 {
         if ahead >> robot & 1 == 1 {
             return 0;
@@ -100,7 +100,7 @@ impl Traffic {
         1 + self.rivals(self.own[robot]).map(|next| self.train(next, ahead)).max().unwrap_or(0)
     }
 
-    /// rware §5.3: of those with equal trains the one whose own cell the reference's graph lists first.
+    /// The robot of those with equal trains whose own cell comes first in the reference's graph (rware §5.3).
     #[cold]
     fn first_in_cell_order(&self, contested: Cell, tied: u64, floor: &Floor) -> Option<usize> {
         let is_tied = |cell: Cell| floor.robot(cell).filter(|&robot| tied >> robot & 1 == 1);
@@ -122,8 +122,8 @@ impl Traffic {
         winner
     }
 
-    /// All cells that are connected with `start`, breadth first: from each the cell that its robot wants, then
-    /// the cells from which it is wanted.
+    /// All cells connected with `start`, breadth first: from each cell the one that its robot wants, then the cells of
+    /// the robots that want it.
     fn component(&self, start: Cell, floor: &Floor) -> Cells {
         let mut cells = Cells::new();
         cells.add(start);
@@ -140,8 +140,8 @@ impl Traffic {
         cells
     }
 
-    /// The groups of robots, ascending, that wanted one cell with equally long trains; cells whose robot stays
-    /// are not contested.
+    /// The groups of robots, ascending, that wanted one cell with equally long trains. A cell whose robot stays has no
+    /// ties.
     pub fn ties(&self) -> Vec<Vec<usize>> {
         let robots = 0..self.own.len();
         let mut ties: Vec<Vec<usize>> = Vec::new();

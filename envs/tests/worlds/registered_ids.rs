@@ -165,7 +165,8 @@ fn a_foraging_id_that_no_release_registers_is_refused_with_rondos_own_name() {
         "there is no task `Foraging-8x8-2p-2f-coop-ind-pen-v3`: `-ind` puts every food at level 1, and no name here has \
          that; without it the world is `lbf-8x8-2p-2f-coop`"
     );
-    assert!(refused("Foraging-2s-8x8-2p-2f-pen-v3").contains("`-pen` takes 0.1 from whoever loads in vain"));
+    assert!(refused("Foraging-2s-8x8-2p-2f-pen-v3")
+        .contains("`-pen` takes 0.1 from each player whose loading fails"));
 }
 
 /// What PyMARLzoo+ 1.1.0 registers beside the ids of `lbforaging`, for v3; its v2 has them too.
@@ -244,7 +245,7 @@ impl Warehouse {
         let Warehouse { robots, requests, sight, .. } = *self;
         if requests == 0 {
             let expected = format!(
-                "task `{id}` cannot be played: no shelf would ever be requested, so nobody could earn anything"
+                "task `{id}` cannot be played: there must be at least 1 request; without requests no robot can earn a reward"
             );
             assert_eq!(refused(id), expected);
             return false;

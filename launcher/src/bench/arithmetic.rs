@@ -1,12 +1,12 @@
-//! How much arithmetic an environment step of training takes, and how much this machine can do.
+//! The arithmetic of an environment step of training, and the peak of this machine.
 
 use std::time::{Duration, Instant};
 
 use algos::kernels::gemm::{product, Matrix};
 use proto::config::{Config, Network};
 
-/// Floating-point operations that training needs for one environment step, all agents together: every matrix
-/// product of the algorithm once, two operations for each multiply-add, nothing else.
+/// Floating-point operations of training per environment step, for all agents together: only the matrix products of
+/// the algorithm, with two operations for each multiply-add.
 ///
 /// ```text
 /// PPO  acting: actor forward;  update: target critic forward, epochs × (actor and critic, forward and backward)
@@ -32,7 +32,7 @@ pub fn flops_per_env_step(config: &Config, sizes: &envs::Sizes) -> f64 {
     2.0 * multiply_adds
 }
 
-/// Of one row through a network (algorithms §1.1).
+/// Multiply-adds of one row through a network (algorithms §1.1).
 fn multiply_adds(network: Network, inputs: usize, hidden: u32, outputs: usize) -> f64 {
     let (i, h, o) = (inputs as f64, f64::from(hidden), outputs as f64);
     let middle = match network {
@@ -42,8 +42,8 @@ fn multiply_adds(network: Network, inputs: usize, hidden: u32, outputs: usize) -
     i * h + middle + h * o
 }
 
-/// Single-precision matrix products per second, in operations: on one core, and on `cores` at once. The best of
-/// several tries, because whoever shares the machine can only slow it down.
+/// Operations per second of single-precision matrix products: on one core, and on `cores` at once. The best of several
+/// tries, because other work on the machine can only slow it down.
 pub fn peak_flops(cores: usize) -> (f64, f64) {
     const TRIES: usize = 5;
     let together = || {

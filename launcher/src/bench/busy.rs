@@ -1,4 +1,4 @@
-//! Other work on the machine while a run is measured, and what it leaves of the speed.
+//! Other work on the machine while a run is measured, and the remaining speed.
 
 use std::process::{Child, Command, Stdio};
 
@@ -8,7 +8,7 @@ use proto::exit;
 use super::cases::Beside;
 use super::{stay_on, Measured};
 
-/// Loops that a shell runs, until this process has ended, however it ends.
+/// A shell loop that runs until this process has ended.
 const LOOP: &str = r#"while kill -0 "$PPID"; do i=0; while [ $i -lt 100000 ]; do i=$((i + 1)); done; done"#;
 
 /// The loops beside a run. Killed when dropped.
@@ -45,14 +45,14 @@ fn one(nice: u8, core: usize) -> Result<Child, Failure> {
 impl Drop for Loops {
     fn drop(&mut self) {
         for child in &mut self.0 {
-            // It may have been killed by somebody else.
+            // It may have ended already.
             let _ = child.kill();
             let _ = child.wait();
         }
     }
 }
 
-/// The speed of every measurement beside other work over that of the same case on the idle machine.
+/// The speed of every measurement beside other work, relative to the same case on the idle machine.
 pub fn ratios(cases: &[Measured]) -> String {
     let mut text = String::new();
     for busy in cases {

@@ -1,4 +1,4 @@
-//! What is measured: tasks, learners and environment copies, in named suites.
+//! The measured cases: tasks, learners and environment copies, in named suites.
 
 /// Where a case runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,19 +21,19 @@ impl Where {
     }
 }
 
-/// What else the machine does meanwhile.
+/// Other work on the machine during the measurement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Beside {
-    /// As little as the machine allows.
+    /// None.
     Nothing,
-    /// A loop without an end on each core, with this nice value.
+    /// An endless loop on each core, with this nice value.
     Loops { nice: u8 },
     /// A second run of the same kind.
     ARun,
 }
 
 impl Beside {
-    /// None for an idle machine.
+    /// `None` for an idle machine.
     pub fn name(self) -> Option<String> {
         match self {
             Self::Nothing => None,
@@ -50,7 +50,7 @@ pub struct Case {
     pub task: &'static str,
     pub algo: &'static str,
     pub copies: u32,
-    /// Environment steps of a run: some seconds of work.
+    /// Environment steps of a run: some seconds.
     pub steps: u64,
     pub places: &'static [Where],
     pub beside: &'static [Beside],
@@ -68,7 +68,7 @@ const fn case(
     Case { task, algo, copies, steps, places, beside: &[Beside::Nothing] }
 }
 
-/// Idle first: the others are compared with it.
+/// Idle first, because the others are compared with it.
 const BUSY: &[Beside] = &[
     Beside::Nothing,
     Beside::Loops { nice: 19 },

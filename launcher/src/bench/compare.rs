@@ -1,4 +1,4 @@
-//! `rondo bench --compare OLD.json`: how many times faster than before.
+//! `rondo bench --compare OLD.json`: speed relative to an earlier measurement.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use proto::exit;
 
 use super::Report;
 
-/// Reads what an earlier `--json` has written.
+/// Reads the file of an earlier `--json`.
 ///
 /// # Errors
 /// If the file cannot be read or is of another form.

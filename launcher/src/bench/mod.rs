@@ -1,8 +1,8 @@
-//! `rondo bench`: how fast teams train here, in processes and in one process, and where the time goes.
+//! `rondo bench`: training speed on this machine, in processes and in one process, with the time by activity.
 //!
-//! Every line is a real run with the paper's settings, its test reduced to one episode. The table quotes medians
-//! over the runs; steps per second are those of the env-server between its first and last tick. Because machines
-//! differ and are shared, each speed stands beside its share of the arithmetic limit measured in the same call.
+//! Every line is a real run with the paper's settings and tests of one episode. The table has medians over the runs.
+//! Steps per second are those of the env-server between its first and last tick. Machines differ and are shared, so
+//! each speed is also given as a share of the arithmetic limit measured in the same call.
 
 mod arithmetic;
 mod busy;
@@ -62,7 +62,7 @@ fn suites() -> String {
     format!("Suites:\n{suites}\nAllocations are counted by a build with `--features count-allocations`.")
 }
 
-/// Everything that a call has measured.
+/// All results of a call.
 #[derive(Debug, Serialize, Deserialize)]
 struct Report {
     rondo_version: String,
@@ -77,20 +77,20 @@ struct Measured {
     algo: String,
     copies: u32,
     place: String,
-    /// What else the machine did; none for an idle machine.
+    /// Other work on the machine; `None` for an idle machine.
     #[serde(default)]
     beside: Option<String>,
-    /// Of one run; of a pair on a core each, of both.
+    /// Of one run; of both runs of a pair.
     env_steps_per_second: Spread,
-    /// Floating-point operations per second in the products of the algorithm, over the peak of all cores.
+    /// Floating-point operations per second in the algorithm's products, relative to the peak of all cores.
     share_of_limit: f64,
     ticks_per_second: f64,
-    /// Shares of the run's time, as the env-server sees it.
+    /// Shares of the run's time in the env-server.
     parts: Parts,
     /// Shares of the agents' update calls.
     update_call: UpdateCall,
     bytes_per_tick: f64,
-    /// In all roles; only where allocations are counted.
+    /// In all roles; only in builds that count allocations.
     allocations_per_tick: Option<f64>,
     /// Processor time of all roles for an environment step, from their start to their end, in microseconds.
     cpu_us_per_env_step: Option<f64>,
@@ -100,7 +100,7 @@ struct Measured {
     env_server_memory_mb: Option<f64>,
 }
 
-/// Where the time of a run goes.
+/// The time of a run by activity.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Parts {
     /// Waiting for update calls.
@@ -111,7 +111,7 @@ struct Parts {
     sampling: f64,
     /// Observing worlds, writing and reading messages: the env-server, and the slowest agent.
     encode: f64,
-    /// Handing messages to the bus, one after the other.
+    /// Handing messages to the bus.
     send: f64,
     /// The rest of the wait for actions: the bus, and agents that wait for a processor.
     bus: f64,
@@ -121,13 +121,13 @@ struct Parts {
     disk: f64,
 }
 
-/// What an update call does.
+/// An update call by activity.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct UpdateCall {
-    /// Laying out rows.
+    /// Batch layout.
     layout: f64,
     forward: f64,
-    /// Returns, losses, and their gradients by what the networks gave.
+    /// Returns, losses, and the gradients of the networks' outputs.
     loss: f64,
     backward: f64,
     /// Clipping, Adam, target networks.
@@ -152,10 +152,10 @@ struct Machine {
 impl Bench {
     pub fn run(&self) -> Result<(), Failure> {
         let cases = self.cases()?;
-        // Before minutes of measuring.
+        // Before minutes of measurement.
         let before = self.compare.as_deref().map(compare::read).transpose()?;
         if self.runs == 0 || self.steps == Some(0) {
-            return Err(Failure::new(exit::USAGE, "`--runs` and `--steps` are counted from 1"));
+            return Err(Failure::new(exit::USAGE, "`--runs` and `--steps` must be at least 1"));
         }
         let machine = Machine::here();
         println!(
@@ -306,7 +306,7 @@ impl Bench {
             }),
             allocations_per_tick: median_of_known(&firsts, |run| {
                 let counts = run.roles.values().map(|role| role["allocations"].as_f64());
-                // The coordinator has no part in ticks.
+                // The coordinator does not take part in ticks.
                 let counted: Vec<f64> = counts.flatten().collect();
                 (!counted.is_empty()).then(|| counted.iter().sum::<f64>() / ticks(run))
             })
@@ -325,7 +325,7 @@ impl Bench {
     }
 }
 
-/// One run in a folder of its own.
+/// One run in a new folder.
 fn one(experiment: &Experiment, place: Place) -> Result<Summary, Failure> {
     let config = experiment.configure("bench")?;
     let place_of_run = tempfile::tempdir()
@@ -347,7 +347,7 @@ fn one(experiment: &Experiment, place: Place) -> Result<Summary, Failure> {
     Ok(summary)
 }
 
-/// Two runs at once, seeds apart.
+/// Two runs at once, with different seeds.
 fn pair(experiment: &Experiment, place: Place, one_core_each: bool) -> Result<Vec<Summary>, Failure> {
     std::thread::scope(|scope| {
         let run = |core: usize| {
@@ -395,7 +395,7 @@ impl Machine {
     }
 }
 
-/// The median over the runs, where all of them know.
+/// The median over the runs, if all of them have a value.
 fn median_of_known(runs: &[&Summary], of: impl Fn(&Summary) -> Option<f64>) -> Option<f64> {
     let known: Option<Vec<f64>> = runs.iter().map(|run| of(run)).collect();
     known.map(|values| spread(values).median)
@@ -407,7 +407,7 @@ task                         algo   copies place                         env ste
 send   bus world  disk  B/tick allocs/tick CPU us/step start s MB/agent MB/server | layout forward loss backward optimiser";
 
 impl Measured {
-    /// What was measured, whatever else the machine did.
+    /// The measured case, without the other work on the machine.
     fn case(&self) -> (&str, &str, u32, &str) {
         (&self.task, &self.algo, self.copies, &self.place)
     }

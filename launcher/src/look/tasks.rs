@@ -1,4 +1,4 @@
-//! `rondo tasks`: all tasks in a table; and with a name what happens in that one, with a picture of it.
+//! `rondo tasks`: all tasks in a table, or the description and picture of one.
 
 use std::env;
 use std::path::PathBuf;
@@ -11,15 +11,15 @@ use proto::exit;
 
 use super::unusable;
 
-/// Letters on a line of prose.
+/// Width of text in letters.
 const COLUMNS: usize = 100;
-/// Between the name of a property and the property.
+/// Column of a property's value.
 const INDENT: usize = 14;
 /// The episode of the picture.
 const SEED: u64 = 1;
 /// Pixels from left to right of the picture in a file.
 const WIDTH: u32 = 720;
-/// The most rows of a terminal that a picture takes: the text above is to stay in sight.
+/// Most rows of a picture in the terminal, so that the text above stays visible.
 const MOST_ROWS: u16 = 40;
 
 /// List the tasks, or explain one
@@ -43,7 +43,7 @@ impl Tasks {
             print!("{}", explanation(&task));
             return draw_in_terminal(&task);
         };
-        // Before any word, so that a wrong name is told alone.
+        // Before any output, so that an error is the only output.
         picture::write_still(&frame(&task), WIDTH, out).map_err(unusable)?;
         print!("{}", explanation(&task));
         println!("\ndrawn in {}", out.display());
@@ -76,7 +76,7 @@ fn table() -> String {
     table + "\n`rondo tasks TASK` explains one and draws it\n"
 }
 
-/// What a person needs to know before letting a team learn the task.
+/// The description of a task.
 fn explanation(task: &Task) -> String {
     let (family, sizes) = (task.family(), task.sizes());
     let mut text = format!("{}: {}\n\n", task.name(), family.title);
@@ -109,7 +109,7 @@ fn explanation(task: &Task) -> String {
     text
 }
 
-/// One number where all agents have it in common, else that of each.
+/// One number if all agents have the same, else one for each.
 fn each(sizes: &[usize]) -> String {
     match sizes {
         [first, rest @ ..] if rest.iter().all(|size| size == first) => first.to_string(),
@@ -124,7 +124,7 @@ fn frame(task: &Task) -> Frame {
     Frame::new(world.scene())
 }
 
-/// Nothing where nobody would see it: elsewhere stdout has no size.
+/// Draws if stdout is a terminal, which has a size.
 fn draw_in_terminal(task: &Task) -> Result<(), Failure> {
     let Some((rows, columns)) = Term::stdout().size_checked() else { return Ok(()) };
     let colours = Colours::of(env::var("COLORTERM").ok().as_deref());

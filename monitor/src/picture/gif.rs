@@ -1,5 +1,5 @@
-//! Films of worlds: animated GIFs that loop for ever, small because colours are flat and only what changed
-//! since the last picture is written.
+//! Films of worlds: animated GIFs in an endless loop. They are small because colours are flat and only changes since
+//! the last picture are written.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -11,14 +11,14 @@ use gif::{DisposalMethod, Encoder, EncodingError, Repeat};
 use super::{distance, rasterise, Frame, Pixels, Sheet};
 use crate::{svg, Error};
 
-/// How long an outcome is shown at least: long enough to be read.
+/// Shortest time for which an outcome is shown: long enough to read it.
 const OUTCOME: Duration = Duration::from_millis(1500);
-/// Of so many pictures, spread over the film, all colours are counted.
+/// Number of pictures, spread over the film, whose colours are counted.
 const COUNTED: usize = 8;
-/// The index of what stays as it was. The 255 others are colours.
+/// The index of unchanged pixels. The other 255 are colours.
 const UNCHANGED: u8 = 0;
 
-/// Writes a film, `width` pixels wide, that loops for ever and shows each picture for `delay`, outcomes longer.
+/// Writes an endless film, `width` pixels wide, that shows each picture for `delay`, outcomes longer.
 ///
 /// The first picture decides the shape; scenes of other sizes are fitted into it. Missing folders of `out` are
 /// made.
@@ -61,12 +61,12 @@ fn draw(sheet: &Sheet, frame: &Frame) -> Result<Pixels, Error> {
     rasterise(&sheet.draw(frame))
 }
 
-/// GIF counts in hundredths of a second; what is below two, browsers take for ten.
+/// GIF counts in hundredths of a second. Browsers replace values below two by ten.
 fn hundredths(time: Duration) -> u16 {
     u16::try_from(time.as_millis() / 10).unwrap_or(u16::MAX).max(2)
 }
 
-/// The smallest rectangle that holds all that changed; inside, what did not is transparent.
+/// The smallest rectangle with all changes; unchanged pixels inside are transparent.
 fn change(before: &[u8], after: &[u8], width: u16) -> gif::Frame<'static> {
     let across = usize::from(width);
     let changed = || (0..after.len()).filter(|&i| before[i] != after[i]);
@@ -74,7 +74,7 @@ fn change(before: &[u8], after: &[u8], width: u16) -> gif::Frame<'static> {
     for i in changed() {
         (left, right) = (left.min(i % across), right.max(i % across));
     }
-    // A picture must have an area, also when nothing changed.
+    // A picture must have an area, also without changes.
     let top = changed().next().unwrap_or(0) / across;
     let bottom = changed().next_back().unwrap_or(0) / across;
     left = left.min(right);
@@ -96,8 +96,8 @@ fn change(before: &[u8], after: &[u8], width: u16) -> gif::Frame<'static> {
     }
 }
 
-/// The colours of a film. Those that its scenes name are exact; the shades at their edges come from the most
-/// frequent ones, so that an area never changes its colour from one picture to the next.
+/// The colours of a film. Colours of its scenes are exact. Shades at edges are approximated by the most frequent ones,
+/// so an area does not change its colour between pictures.
 struct Palette {
     /// At most 255; the index of `colours[k]` is `k + 1`.
     colours: Vec<Colour>,
@@ -123,7 +123,7 @@ impl Palette {
             }
         }
         let mut shades: Vec<(Colour, u64)> = counts.into_iter().collect();
-        // The colour decides between equals: a film must not depend on the order of a hash map.
+        // Sorted by colour among equals: a film must not depend on the order of a hash map.
         shades.sort_unstable_by_key(|&(colour, count)| (std::cmp::Reverse(count), colour));
         shades.into_iter().for_each(|(colour, _)| palette.add(colour));
         Ok(palette)
@@ -155,7 +155,7 @@ impl Palette {
     }
 }
 
-/// Pixels that follow each other in one colour: there are far fewer runs than pixels.
+/// Runs of pixels of one colour: there are far fewer runs than pixels.
 fn runs(pixels: &Pixels) -> impl Iterator<Item = &[Colour]> {
     pixels.colours.chunk_by(|a, b| a == b)
 }

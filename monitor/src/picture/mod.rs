@@ -1,5 +1,4 @@
-//! Pictures of worlds: a [`Scene`] with what there is to say about it becomes an SVG, pixels, a film or
-//! letters in a terminal.
+//! Pictures of worlds: a [`Scene`] with a text below becomes an SVG, pixels, a film or letters in a terminal.
 
 mod gif;
 mod terminal;
@@ -17,28 +16,28 @@ use crate::Error;
 
 /// The longest side of a picture in pixels. Far more than a screen has, and still drawn in seconds.
 const MAX_SIDE: f64 = 8192.0;
-/// Between two lines of text, in heights of a letter.
+/// Line height, in heights of a letter.
 const LINE: f64 = 1.4;
 /// Width of a letter of [`Svg::even_text`], in heights.
 const LETTER: f64 = 0.602;
 
-/// A world at one moment, and what there is to say about it.
+/// A scene with the text below it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     pub scene: Scene,
-    /// Said below the picture, after the caption of the scene. Long lines are wrapped.
+    /// Text below the picture, after the caption of the scene. Long lines are wrapped.
     pub lines: Vec<String>,
-    /// How an episode ended, which films show longer.
+    /// Whether this is the end of an episode, which films show longer.
     pub outcome: bool,
 }
 
 impl Frame {
-    /// A picture with nothing but the scene and its caption.
+    /// A picture with only the scene and its caption.
     pub fn new(scene: Scene) -> Self {
         Self { scene, lines: Vec::new(), outcome: false }
     }
 
-    /// What is said below the picture, wrapped to `columns` letters.
+    /// The text below the picture, wrapped to `columns` letters.
     fn text(&self, columns: usize) -> Vec<String> {
         let said = std::iter::once(&self.scene.caption).chain(&self.lines);
         said.flat_map(|line| wrap(line, columns)).collect()
@@ -84,7 +83,7 @@ fn rasterise(svg: &Svg) -> Result<Pixels, Error> {
     Ok(Pixels { width: pixmap.width(), height: pixmap.height(), colours })
 }
 
-/// Where things are on a picture, in pixels: the scene with a margin around it, and a strip of text below.
+/// The layout of a picture, in pixels: the scene with a margin around it, and a strip of text below.
 struct Sheet {
     width: u32,
     height: u32,
@@ -97,8 +96,8 @@ struct Sheet {
 }
 
 impl Sheet {
-    /// For pictures of this width that follow each other: the first decides the shape, the one with most text
-    /// how high the strip is.
+    /// For a series of pictures of this width: the first decides the shape, the one with most text the height of the
+    /// strip.
     fn new(width: u32, frames: &[Frame]) -> Result<Self, Error> {
         let Some(first) = frames.first() else {
             return Err(Error::Empty("there are no pictures".to_owned()));
@@ -148,7 +147,7 @@ fn check_side(direction: &str, pixels: f64) -> Result<(), Error> {
     Err(Error::Scene(format!("a picture can be 1 to {MAX_SIDE} pixels {direction}, not {pixels}")))
 }
 
-/// Draws the shapes as large as they fit into `room`, in its middle. What is outside of the scene is cut off.
+/// Draws the shapes as large as fits `room`, in its middle. Parts outside of the scene are cut off.
 fn draw_scene(svg: &mut Svg, scene: &Scene, corner: (f64, f64), room: (f64, f64)) {
     let scale = (room.0 / scene.width).min(room.1 / scene.height);
     let size = (scene.width * scale, scene.height * scale);

@@ -1,5 +1,5 @@
-//! Worlds in a terminal: two pixels to a letter (an upper half block), the texts of the scene as letters, and
-//! what is said below.
+//! Worlds in a terminal: two pixels per letter (an upper half block), texts of the scene as letters, and the text
+//! below.
 
 use std::io::{self, Write};
 
@@ -17,12 +17,12 @@ const CLEAR_TO_END_OF_LINE: &str = "\x1b[K";
 const CLEAR_BELOW: &str = "\x1b[J";
 const PLAIN: &str = "\x1b[0m";
 
-/// Texts that would be lower than this many pixels are left out: as letters they would be far too large.
+/// Texts of less height in pixels are omitted: as letters they would be far too large.
 const SMALLEST_TEXT: f64 = 0.8;
-/// What a scene may lose in size for cells that are whole pixels.
+/// Share of its size that a scene may lose so that cells are whole pixels.
 const WHOLE_PIXELS: f64 = 0.8;
 
-/// Which colours a terminal knows.
+/// The colours that a terminal supports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Colours {
     /// 24 bits.
@@ -32,7 +32,7 @@ pub enum Colours {
 }
 
 impl Colours {
-    /// As the environment variable `COLORTERM` tells it.
+    /// From the environment variable `COLORTERM`.
     pub fn of(colorterm: Option<&str>) -> Self {
         match colorterm {
             Some("truecolor" | "24bit") => Colours::All,
@@ -59,14 +59,14 @@ pub fn terminal_text(frame: &Frame, columns: u16, rows: u16, colours: Colours) -
     Ok(lines(frame, columns, rows, text_rows, colours)?.iter().map(|line| format!("{line}\n")).collect())
 }
 
-/// Shows one picture after the other in the same place. Hides the cursor and gives it back when dropped.
+/// Shows a series of pictures in the same place. Hides the cursor and restores it when dropped.
 pub struct Terminal<W: Write> {
     out: W,
     columns: u16,
     rows: u16,
     colours: Colours,
     begun: bool,
-    /// The most there was to say so far: scenes would jump if each took what is left.
+    /// Most lines of text so far: the scene keeps its place if the text changes.
     text_rows: usize,
 }
 
@@ -97,7 +97,7 @@ impl<W: Write> Terminal<W> {
         }
         screen += CLEAR_BELOW;
         self.begun = true;
-        // All at once, so that nobody sees half a picture.
+        // In one write, so that no incomplete picture is visible.
         self.write(&screen).map_err(Error::Terminal)
     }
 
@@ -110,13 +110,13 @@ impl<W: Write> Terminal<W> {
 impl<W: Write> Drop for Terminal<W> {
     fn drop(&mut self) {
         if self.begun {
-            // A terminal that is gone needs no cursor.
+            // The terminal may be gone.
             let _ = self.write(&format!("{PLAIN}{SHOW_CURSOR}"));
         }
     }
 }
 
-/// The scene, then what is said, where `text_rows` are kept free for the latter: at most half of the terminal.
+/// The scene, then the text, for which `text_rows` are reserved: at most half of the terminal.
 fn lines(
     frame: &Frame,
     columns: u16,
@@ -133,7 +133,7 @@ fn lines(
     Ok(lines)
 }
 
-/// Pixels for a unit of the scene. Whole ones keep the cells of a grid alike.
+/// Pixels for a unit of the scene. With whole pixels, all cells of a grid are alike.
 fn scale(scene: &Scene, width: usize, height: usize) -> Result<f64, Error> {
     ratio(scene)?;
     let scale = (width as f64 / scene.width).min(height as f64 / scene.height);
@@ -160,8 +160,8 @@ fn drawn(scene: &Scene, scale: f64) -> Result<(Pixels, Vec<Label>), Error> {
     svg.rect((0.0, 0.0), size, &super::hex(scene.background), 1.0);
     draw_scene(&mut svg, &Scene { shapes, ..scene.clone() }, (0.0, 0.0), size);
 
-    // From the last text to the first: what is written over another text hides all of it, and no letters of two
-    // texts make a third.
+    // From the last text to the first. A text over another one hides all of it, so that letters of two texts do not
+    // mix.
     let mut labels: Vec<Label> = Vec::new();
     for (k, shape) in scene.shapes.iter().enumerate().rev() {
         let Shape::Text { x, y, size, text, colour } = shape else { continue };
@@ -232,7 +232,7 @@ fn half_blocks(pixels: &Pixels, labels: &[Label], colours: Colours) -> Vec<Strin
     rows.chunks(2).enumerate().map(line).collect()
 }
 
-/// Of the pixels behind a letter the one on which it can be read best.
+/// The pixel behind a letter with the best contrast.
 fn clearer(letter: Colour, upper: Colour, lower: Option<Colour>) -> Colour {
     match lower {
         Some(lower) if distance(letter, lower) > distance(letter, upper) => lower,

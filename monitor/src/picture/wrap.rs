@@ -1,4 +1,4 @@
-//! Lines of text that are no longer than there is room.
+//! Wraps text to a width.
 
 /// `text` in lines of at most `columns` letters, broken between words; a word that is longer alone is cut. An
 /// empty text has no lines.
