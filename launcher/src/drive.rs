@@ -22,8 +22,8 @@ use crate::summary::{self, Summary};
 /// Where the roles run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// Each in a process of its own, on this kind of link.
-    Processes(Transport),
+    /// Each in a process of its own, on this kind of link; none: whatever works here.
+    Processes(Option<Transport>),
     /// All as threads of this process, on a bus in memory.
     InProcess,
 }

@@ -26,9 +26,9 @@ pub struct Running {
     /// Run all roles as threads of this process instead of processes; the result is the same
     #[arg(long)]
     pub in_process: bool,
-    /// How the processes reach each other
-    #[arg(long, value_enum, default_value = "unix")]
-    pub transport: Transport,
+    /// How the processes reach each other. Without it: unix, and tcp where no folder can hold Unix sockets
+    #[arg(long, value_enum)]
+    pub transport: Option<Transport>,
     #[command(flatten)]
     pub device: agent::DeviceArgument,
     /// Seconds that roles wait for each other before they give up
@@ -139,7 +139,15 @@ impl Train {
         if self.out.is_some() {
             return fits(&wanted).map(|()| wanted);
         }
-        Ok(candidates.find(|path| fits(path).is_ok()).expect("there are enough numbers"))
+        for path in candidates {
+            match fits(&path) {
+                Ok(()) => return Ok(path),
+                // Another configuration uses it.
+                Err(failure) if failure.code == exit::CONFIG => {}
+                Err(failure) => return Err(failure),
+            }
+        }
+        unreachable!("there are enough numbers")
     }
 
     /// Whether a folder is new, or that of a run with this configuration.

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 /// the program that calls this crate.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    #[error("could not {doing} `{}`: {cause}", path.display())]
+    #[error("could not {doing} `{}`: {cause}{}", path.display(), hint(cause))]
     Io { doing: &'static str, path: PathBuf, cause: io::Error },
 
     #[error(
@@ -163,6 +163,31 @@ impl Error {
     }
 }
 
+/// What to do about a path that the system refuses; nothing where the reason says it.
+fn hint(cause: &io::Error) -> &'static str {
+    const ENFILE: i32 = 23;
+    const EMFILE: i32 = 24;
+    const ELOOP: i32 = 40;
+    match (cause.kind(), cause.raw_os_error()) {
+        (io::ErrorKind::PermissionDenied, _) => {
+            "\nhint: give this user the right to it, or choose another folder with --out"
+        }
+        (io::ErrorKind::ReadOnlyFilesystem, _) => {
+            "\nhint: choose another folder with --out, or copy the run to where it can be written"
+        }
+        (io::ErrorKind::NotADirectory, _) => {
+            "\nhint: a part of this path is a file; choose another folder with --out"
+        }
+        (io::ErrorKind::AlreadyExists, _) => {
+            "\nhint: a file or a link to nothing has this name; choose another folder with --out"
+        }
+        (io::ErrorKind::InvalidFilename, _) => "\nhint: choose a shorter name with --out",
+        (_, Some(ELOOP)) => "\nhint: links lead in a circle here; choose another folder with --out",
+        (_, Some(ENFILE | EMFILE)) => "\nhint: raise the limit on open files (`ulimit -n`)",
+        _ => "",
+    }
+}
+
 /// Escapes, because the difference may be one that does not show, such as a line ending.
 fn quoted(line: &Option<String>) -> String {
     line.as_ref().map_or_else(|| "(the file has ended)".to_owned(), |line| format!("{line:?}"))
@@ -185,10 +210,34 @@ mod tests {
     }
 
     #[test]
+    fn what_the_system_refuses_comes_with_what_to_do() {
+        for (errno, part) in [
+            (1, "give this user the right to it"),
+            (17, "a file or a link to nothing has this name"),
+            (20, "a part of this path is a file"),
+            (23, "`ulimit -n`"),
+            (24, "`ulimit -n`"),
+            (30, "copy the run to where it can be written"),
+            (36, "choose a shorter name"),
+            (40, "links lead in a circle"),
+            (122, "free some and `rondo resume`"),
+        ] {
+            let error =
+                Error::io("create the folder", Path::new("runs/a"))(io::Error::from_raw_os_error(errno));
+            let text = error.to_string();
+            assert!(error.is_io() && text.contains("`runs/a`") && text.contains(part), "{errno}: {text}");
+        }
+    }
+
+    #[test]
     fn other_failures_say_what_was_done_to_which_path() {
         const EACCES: i32 = 13;
         let error = Error::io("list", Path::new("runs/a"))(io::Error::from_raw_os_error(EACCES));
-        assert_eq!(error.to_string(), "could not list `runs/a`: Permission denied (os error 13)");
+        assert_eq!(
+            error.to_string(),
+            "could not list `runs/a`: Permission denied (os error 13)\n\
+             hint: give this user the right to it, or choose another folder with --out"
+        );
         assert!(error.is_io() && !error.is_config() && !error.is_unfinished());
     }
 }

@@ -290,12 +290,16 @@ fn role_order(name: &str) -> Option<(u8, u32)> {
 /// what is `welcome`, closes it to other users and returns `true`; a folder with other things stays as it is.
 fn is_vacant(path: &Path, welcome: impl Fn(&str) -> bool) -> Result<bool, Error> {
     files::ensure_folder(path)?;
-    if files::names(path)?.iter().any(|name| !name.starts_with(files::WRITING) && !welcome(name)) {
-        return Ok(false);
+    for entry in fs::read_dir(path).map_err(Error::io("list", path))? {
+        let name = entry.map_err(Error::io("list", path))?.file_name();
+        // A name that is not text is nobody's of ours.
+        if !name.to_str().is_some_and(|name| name.starts_with(files::WRITING) || welcome(name)) {
+            return Ok(false);
+        }
     }
     match fs::set_permissions(path, Permissions::from_mode(0o700)) {
-        // A mounted volume belongs to somebody else, and whoever mounted it decides.
-        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+        // A mounted volume belongs to somebody else, and whoever mounted it decides; or it knows no permissions.
+        Err(error) if files::is_refusal(&error) => {
             tracing::warn!(path = %path.display(), %error, "cannot close the run folder to other users");
         }
         other => other.map_err(Error::io("close to other users", path))?,
