@@ -98,6 +98,10 @@ impl Train {
             notes::print(&self.experiment, &config);
         }
         if self.seeds > 1 {
+            if self.experiment.settings.iter().any(|setting| setting.starts_with("seed=")) {
+                let text = "`--set seed` with `--seeds`: each seed is another one; `--seed` says the first";
+                return Err(Failure::new(exit::USAGE, text));
+            }
             let out =
                 self.choose(&format!("{}-{algo}", config.world.task), |out| self.no_other_seeds(out))?;
             let seeds = (0..self.seeds).map(|k| config.seed.wrapping_add(k.into()));
@@ -248,6 +252,9 @@ impl Resume {
                 MAY_CHANGE.join(", ")
             );
             return Err(Failure::new(exit::CONFIG, text));
+        }
+        if config.bus != before.bus {
+            env_server::check_transport(&config, &env_server::task(&config, &self.run)?)?;
         }
         Ok(config)
     }
