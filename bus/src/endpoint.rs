@@ -150,6 +150,7 @@ impl Endpoint {
     /// The operating system refuses it.
     pub(crate) fn cannot_listen(&self, reason: &str) -> Error {
         let hint = match self {
+            _ if reason.contains("Too many open files") => "raise the limit on open files (`ulimit -n`)",
             Self::Unix(_) => {
                 "take another folder: a Unix socket needs one that exists and whose file system has sockets and \
                  locks; or `tcp/127.0.0.1:0`, to which `rondo train` changes with `--transport tcp`"

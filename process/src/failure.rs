@@ -110,6 +110,10 @@ pub fn exit_on_panic() {
 /// What the operating system said, if a panic is about that: `std::io::Error` in the form for people or for
 /// programmers.
 fn system_reason(panic: &str) -> Option<String> {
+    // zenoh's runtime drops the reason, but has no other: a file or a thread too many.
+    if panic.starts_with("Failed to init ") {
+        return Some("the message bus cannot start its threads".to_owned());
+    }
     if panic.contains("(os error ") {
         return Some(panic.to_owned());
     }
@@ -133,6 +137,7 @@ mod tests {
         );
         let unwrapped = format!("failed to spawn thread: {full:?}");
         assert_eq!(system_reason(&unwrapped).as_deref(), Some(reason), "{unwrapped}");
+        assert!(system_reason("Failed to init rx").is_some());
         assert_eq!(system_reason("index out of bounds: the len is 3 but the index is 3"), None);
     }
 }

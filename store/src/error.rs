@@ -112,6 +112,13 @@ pub enum Error {
     )]
     NoMetrics { path: PathBuf },
 
+    #[error(
+        "`{}` has {found} whole rows, the latest checkpoint counts on {expected}\n\
+         hint: the file was cut or copied in part, copy it again",
+        path.display()
+    )]
+    MissingRows { path: PathBuf, expected: u64, found: u64 },
+
     #[error("`{name}` is not a role: expected `world`, `coordinator` or `agent-<number>`")]
     RoleName { name: String },
 
@@ -150,6 +157,7 @@ impl Error {
                 | Self::RoundsDiffer { .. }
                 | Self::MissingRoles { .. }
                 | Self::NoMetrics { .. }
+                | Self::MissingRows { .. }
         )
     }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::checkpoints::Checkpoints;
 use crate::episodes::Episodes;
-use crate::metrics::{MetricsWriter, Position};
+use crate::metrics::{complete_lines, MetricsWriter, Position};
 use crate::{files, Error};
 
 const CONFIG: &str = "config.toml";
@@ -113,6 +113,24 @@ impl RunFolder {
             files::names(&self.path)?.into_iter().filter(|name| role_order(name).is_some()).collect();
         roles.sort_by_key(|name| role_order(name));
         Ok(roles)
+    }
+
+    /// Whether a role has as many complete metric rows as its latest checkpoint counts on.
+    ///
+    /// # Errors
+    /// [`Error::MissingRows`] if some are not, [`Error::NoMetrics`] if there is no such file.
+    pub fn check_rows(&self, role: &str) -> Result<(), Error> {
+        let role = self.role(role)?;
+        let path = role.metrics_path();
+        if !path.exists() {
+            return Err(Error::NoMetrics { path });
+        }
+        let expected = role.checkpoints().counts_on()?.map_or(0, |position| position.rows);
+        let found = complete_lines(&path)?.iter().filter(|&&byte| byte == b'\n').count() as u64;
+        if found < expected {
+            return Err(Error::MissingRows { path, expected, found });
+        }
+        Ok(())
     }
 
     /// Puts a file that belongs to the whole run beside `config.toml`, in one step.

@@ -369,3 +369,81 @@ fn no_home_is_needed() {
         assert_eq!(ended.stderr, "");
     }
 }
+
+/// Runs `$3…` in a mount namespace of its own in which the folder `$1` is read-only.
+const READ_ONLY: &str = r#"
+mount --bind "$1" "$1" && mount -o remount,bind,ro "$1" || exit 99
+shift; exec "$@"
+"#;
+
+#[test]
+fn a_run_folder_that_is_read_only_can_be_read() {
+    let cluster = Cluster::new();
+    let run = cluster.path("run");
+    Process::start(train(&run)).succeeds();
+    let stops = cluster.train("stopped", experiment(1, 100_000_000), [""; 0]);
+    wait_until("the run to begin", || cluster.path("stopped/agent-1").exists());
+    stops.kill_all();
+    let read_only = |folder: &Path, words: &[&str]| {
+        let mut command = Command::new("unshare");
+        command.args(["-m", "sh", "-c", READ_ONLY, "sh"]).arg(folder).arg(rondo().get_program());
+        command.args(words).current_dir(cluster.path(""));
+        ends(command)
+    };
+    let first = read_only(&run, &["digest", "run", "--json"]);
+    if first.code == Some(99) || first.stderr.starts_with("unshare:") {
+        println!("skipped: this user may not mount: {}", first.stderr);
+        return;
+    }
+    assert_eq!((first.code, first.stdout.as_str()), (Some(0), undisturbed()));
+    for words in [
+        &["plot", "run", "--out=curve.svg"][..],
+        &["compare", "run"],
+        &["render", "run", "--episodes=1", "--out=film.gif"],
+        &["eval", "run", "--episodes=2", "--json=result.json"],
+    ] {
+        let ended = read_only(&run, words);
+        assert_eq!((ended.code, ended.stderr.as_str()), (Some(0), ""), "{words:?}: {ended:#?}");
+    }
+    let evaluation = read_only(&run, &["eval", "run", "--episodes=2"]);
+    assert_eq!(evaluation.code, Some(0), "{evaluation:#?}");
+    assert!(evaluation.stdout.contains("return_mean"), "{evaluation:#?}");
+    assert!(evaluation.stderr.starts_with("not written to run/evaluation.json: "), "{evaluation:#?}");
+    assert!(evaluation.stderr.contains("`--json FILE` writes it elsewhere"), "{evaluation:#?}");
+    // A finished run is left as it is, and one that is not says why it cannot go on.
+    let resumed = read_only(&run, &["resume", "run"]);
+    assert!(resumed.code == Some(0) && resumed.stdout.contains("is finished"), "{resumed:#?}");
+    let stopped = cluster.path("stopped");
+    read_only(&stopped, &["resume", "stopped", "--quiet"])
+        .fails_with(74, &["stopped/config.toml", "Read-only file system", "hint: "]);
+    // Below a parent that is read-only.
+    read_only(&stopped, &["train", "--quiet", "--out=stopped/new/run"])
+        .fails_with(74, &["stopped/new", "Read-only file system", "choose another folder with --out"]);
+}
+
+#[test]
+fn a_limit_on_open_files_is_no_bug() {
+    for limit in [5, 8, 11, 14, 17, 20, 25, 30] {
+        let cluster = Cluster::new();
+        let mut command = Command::new("sh");
+        command.args(["-c", r#"ulimit -n "$1"; shift; exec "$@""#, "sh", &limit.to_string()]);
+        command.arg(rondo().get_program()).arg("train").args(experiment(1, 500)).arg("--quiet");
+        command.arg("--out").arg(cluster.path("run"));
+        let ended = ends(command);
+        assert!(matches!(ended.code, Some(0 | 74)), "{limit} files: {ended:#?}");
+        let says = ["Too many open files", "`ulimit -n`"].map(|part| ended.stderr.contains(part));
+        assert!(ended.code == Some(0) || says.contains(&true), "{limit} files: {ended:#?}");
+        assert!(!ended.stderr.contains("panicked"), "{limit} files: {ended:#?}");
+    }
+}
+
+#[test]
+fn a_full_disk_behind_stdout_is_no_bug() {
+    let mut command = rondo();
+    command.arg("tasks").stderr(std::process::Stdio::piped());
+    command.stdout(fs::File::create("/dev/full").expect("it is there"));
+    let ended = command.output().expect("it ends");
+    let stderr = String::from_utf8_lossy(&ended.stderr);
+    assert_eq!(ended.status.code(), Some(74), "{stderr}");
+    assert!(stderr.contains("No space left on device") && !stderr.contains("panicked"), "{stderr}");
+}
