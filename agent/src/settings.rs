@@ -1,4 +1,4 @@
-//! From the configuration to the algorithm that it names.
+//! Makes the algorithm that the configuration names.
 
 use algos::iql::{self, Iql};
 use algos::learner::Choice;
@@ -36,7 +36,7 @@ pub fn algorithm(
     }
 }
 
-/// What PPO is told.
+/// PPO's settings.
 fn ppo(config: &Config, ppo: &config::Ppo) -> ppo::Config {
     let algo = &config.algo;
     ppo::Config {
@@ -61,7 +61,7 @@ fn ppo(config: &Config, ppo: &config::Ppo) -> ppo::Config {
     }
 }
 
-/// What Q-learning is told.
+/// Q-learning's settings.
 fn iql(config: &Config, q: &QLearning) -> iql::Config {
     let algo = &config.algo;
     iql::Config {

@@ -1,10 +1,13 @@
 //! Endpoints: their syntax, and checks of an endpoint before or after zenoh uses it.
 
+use std::fs::{remove_file, File};
 use std::io;
 use std::net::{TcpListener, TcpStream, ToSocketAddrs};
-use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+use nix::fcntl::{Flock, FlockArg};
 
 use crate::Error;
 
@@ -13,6 +16,44 @@ const MAX_PATH_BYTES: usize = 107;
 
 /// Long enough for a connection to any host that is up. Only used to name the unreachable endpoint in an error.
 const PROBE_TIMEOUT: Duration = Duration::from_millis(250);
+
+/// The endpoint of a Unix socket called `name` in a folder, if the bus can listen there. A socket and a lock, which
+/// zenoh puts beside each socket, are tried: many network, foreign and user-space file systems refuse one of them.
+///
+/// # Errors
+/// Why not, in words about the folder.
+pub fn unix_endpoint(folder: &Path, name: &str) -> Result<String, String> {
+    let path = folder.join(name);
+    let text = path.to_str().ok_or("its path is not UTF-8")?;
+    let endpoint = Endpoint::parse(&format!("unixsock-stream/{text}")).map_err(|error| match error {
+        Error::Endpoint { reason, .. } => reason,
+        other => other.to_string(),
+    })?;
+    try_socket(folder).map_err(|error| error.to_string())?;
+    Ok(endpoint.to_string())
+}
+
+/// Listens, dials and locks as zenoh does, under a name that nobody else uses.
+fn try_socket(folder: &Path) -> io::Result<()> {
+    let socket = folder.join(format!(".{}", std::process::id()));
+    let lock = folder.join(format!(".{}.lock", std::process::id()));
+    let attempt = || {
+        // A process with this number may have been killed here.
+        let _ = remove_file(&socket);
+        let listener = UnixListener::bind(&socket)?;
+        UnixStream::connect(&socket)?;
+        drop(listener);
+        File::create(&lock)?;
+        // For reading only, as zenoh does it: NFS refuses that.
+        let lock = File::open(&lock)?;
+        Flock::lock(lock, FlockArg::LockExclusiveNonblock).map_err(|(_, error)| error)?;
+        Ok(())
+    };
+    let result = attempt();
+    // What could not be made cannot be removed.
+    let _ = (remove_file(&socket), remove_file(&lock));
+    result
+}
 
 /// A place to listen on or to dial.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -64,14 +105,14 @@ impl Endpoint {
                 }
                 let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
                 match folder.map(std::fs::metadata) {
-                    Some(Err(error)) => Err(self.cannot_listen(&error)),
+                    Some(Err(error)) => Err(self.cannot_listen(&error.to_string())),
                     _ => Ok(self.clone()),
                 }
             }
             Self::Tcp { host, .. } => match TcpListener::bind(self.address()).and_then(|l| l.local_addr()) {
                 Ok(bound) => Ok(Self::Tcp { host: host.clone(), port: bound.port() }),
                 Err(error) if error.kind() == io::ErrorKind::AddrInUse => Err(self.in_use()),
-                Err(error) => Err(self.cannot_listen(&error)),
+                Err(error) => Err(self.cannot_listen(&error.to_string())),
             },
         }
     }
@@ -100,13 +141,23 @@ impl Endpoint {
 
     fn address(&self) -> String {
         match self {
-            Self::Unix(path) => path.display().to_string(),
+            // It was parsed from text.
+            Self::Unix(path) => path.to_string_lossy().into_owned(),
             Self::Tcp { host, port } => format!("{host}:{port}"),
         }
     }
 
-    fn cannot_listen(&self, error: &io::Error) -> Error {
-        Error::Listen { endpoint: self.to_string(), reason: error.to_string() }
+    /// The operating system refuses it.
+    pub(crate) fn cannot_listen(&self, reason: &str) -> Error {
+        let hint = match self {
+            _ if reason.contains("Too many open files") => "raise the limit on open files (`ulimit -n`)",
+            Self::Unix(_) => {
+                "take another folder: a Unix socket needs one that exists and whose file system has sockets and \
+                 locks; or `tcp/127.0.0.1:0`, to which `rondo train` changes with `--transport tcp`"
+            }
+            Self::Tcp { .. } => "listen on an address of this host",
+        };
+        Error::Listen { endpoint: self.to_string(), reason: reason.to_owned(), hint }
     }
 }
 
@@ -122,6 +173,8 @@ impl std::fmt::Display for Endpoint {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::ffi::OsStrExt;
+
     use super::*;
 
     #[test]
@@ -154,5 +207,23 @@ mod tests {
             assert_eq!(error, Error::Endpoint { endpoint: text.into(), reason: reason.into() });
         }
         assert!(Endpoint::parse(&long[..long.len() - 1]).is_ok());
+    }
+
+    #[test]
+    fn a_folder_that_cannot_hold_a_socket_is_refused_with_the_reason() {
+        let folder = tempfile::tempdir().unwrap();
+        let inside = |name: &[u8]| {
+            let path = folder.path().join(std::ffi::OsStr::from_bytes(name));
+            std::fs::create_dir(&path).unwrap();
+            unix_endpoint(&path, "a.sock")
+        };
+        assert_eq!(inside(b"caf\xe9"), Err("its path is not UTF-8".to_owned()));
+        assert_eq!(inside(b"a#b"), Err("'#' is not allowed".to_owned()));
+        assert!(inside(&[b'x'; 100]).unwrap_err().contains("a Unix socket allows 107"));
+        let missing = unix_endpoint(&folder.path().join("missing"), "a.sock");
+        assert_eq!(missing, Err("No such file or directory (os error 2)".to_owned()));
+        let found = unix_endpoint(folder.path(), "a.sock").unwrap();
+        assert_eq!(Endpoint::parse(&found).unwrap(), Endpoint::Unix(folder.path().join("a.sock")));
+        assert!(std::fs::read_dir(folder.path()).unwrap().all(|entry| entry.unwrap().path().is_dir()));
     }
 }

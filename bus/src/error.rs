@@ -23,12 +23,14 @@ pub enum Error {
         hint: &'static str,
     },
     /// The endpoint cannot be listened on for another reason.
-    #[error("cannot listen on `{endpoint}`: {reason}")]
+    #[error("cannot listen on `{endpoint}`: {reason}\nhint: {hint}")]
     Listen {
         /// The endpoint as given.
         endpoint: String,
         /// The operating system's reason.
         reason: String,
+        /// What to do.
+        hint: &'static str,
     },
     /// A required endpoint did not answer.
     #[error(
@@ -70,6 +72,14 @@ pub enum Error {
     Closed {
         /// The key that was to be sent on.
         key: String,
+    },
+    /// The operating system refused something that zenoh needs, such as one more file or thread.
+    #[error("cannot {action}: {reason}")]
+    System {
+        /// What was tried.
+        action: String,
+        /// What zenoh and the operating system say.
+        reason: String,
     },
     /// Any other error of zenoh.
     #[error("zenoh cannot {action}: {reason}")]

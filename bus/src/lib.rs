@@ -53,6 +53,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
+pub use endpoint::unix_endpoint;
 pub use error::Error;
 pub use inbox::{inbox, Events, Inbox};
 pub use ledger::{recorded, Ledger, Record, Sink, Traffic};

@@ -123,7 +123,12 @@ pub(crate) fn failed(action: &str, error: &(dyn std::error::Error + Send + Sync)
         Some((reason, place)) if place.contains(".rs:") => reason,
         _ => &text,
     };
-    Error::Zenoh { action: action.into(), reason: reason.into() }
+    let (action, reason) = (action.to_owned(), reason.to_owned());
+    if reason.contains("(os error ") {
+        Error::System { action, reason }
+    } else {
+        Error::Zenoh { action, reason }
+    }
 }
 
 #[cfg(test)]
@@ -136,6 +141,14 @@ mod tests {
         let kept = failed("open", &*Box::from("nobody is at home"));
         assert_eq!(cut.to_string(), "zenoh cannot open: Unable to open: gone");
         assert_eq!(kept.to_string(), "zenoh cannot open: nobody is at home");
+    }
+
+    #[test]
+    fn what_the_operating_system_refuses_is_not_a_fault_of_the_program() {
+        let text = "Can not create a timer: Too many open files (os error 24) at /src/timer.rs:12.";
+        let error = failed("open a session", &*Box::from(text));
+        let reason = "Can not create a timer: Too many open files (os error 24)".to_owned();
+        assert_eq!(error, Error::System { action: "open a session".to_owned(), reason });
     }
 
     #[test]

@@ -68,13 +68,20 @@ pub fn open(options: &Options) -> Result<Arc<dyn Bus>, Error> {
             Err(_) if !needed.is_empty() && start.elapsed() >= options.connect_timeout => {
                 return Err(unreachable(&needed, start.elapsed()));
             }
-            Err(error) => match locked(&listen, &*error) {
-                Some(_) if start.elapsed() < STILL_ENDING => std::thread::sleep(LOOK_AGAIN),
-                Some(endpoint) => return Err(endpoint.in_use()),
+            Err(error) => match refused(&listen, &*error) {
+                Some((_, Refusal::Locked)) if start.elapsed() < STILL_ENDING => {
+                    std::thread::sleep(LOOK_AGAIN);
+                }
+                Some((endpoint, Refusal::Locked)) => return Err(endpoint.in_use()),
+                Some((endpoint, Refusal::System(reason))) => return Err(endpoint.cannot_listen(&reason)),
                 None => {
                     attempts -= 1;
                     if attempts == 0 {
-                        return Err(failed("open a session", &*error));
+                        return Err(match failed("open a session", &*error) {
+                            // The configuration was understood, so what fails is what is outside.
+                            Error::Zenoh { action, reason } => Error::System { action, reason },
+                            other => other,
+                        });
                     }
                 }
             },
@@ -82,15 +89,32 @@ pub fn open(options: &Options) -> Result<Arc<dyn Bus>, Error> {
     }
 }
 
-/// The endpoint whose lock zenoh could not take. No process accepts connections there any more, but the previous one,
-/// or a child of it that inherited the lock, has not ended yet.
-fn locked<'a>(listen: &'a [Endpoint], error: &(dyn std::error::Error + Send + Sync)) -> Option<&'a Endpoint> {
+/// Why zenoh does not listen on a Unix socket.
+#[derive(Debug, PartialEq)]
+enum Refusal {
+    /// The lock beside it is held. Nobody accepts connections there any more, but the process that did so, or a
+    /// child of it that has inherited the lock, is not quite gone.
+    Locked,
+    /// The file system has no sockets or no locks, for instance.
+    System(String),
+}
+
+/// The Unix socket that zenoh could not listen on, and why: its messages are all that tells one case from another.
+fn refused<'a>(
+    listen: &'a [Endpoint],
+    error: &(dyn std::error::Error + Send + Sync),
+) -> Option<(&'a Endpoint, Refusal)> {
     let text = error.to_string();
-    let held = |endpoint: &&Endpoint| {
-        matches!(endpoint, Endpoint::Unix(path)
-            if text.contains(&format!(" on {} - Unable to acquire lock", path.display())))
-    };
-    listen.iter().find(held)
+    listen.iter().find_map(|endpoint| {
+        let Endpoint::Unix(path) = endpoint else { return None };
+        let (_, why) = text.split_once(&format!(" listener on {}", path.to_str()?))?;
+        let why = why.strip_prefix(" - ").or_else(|| why.strip_prefix(": "))?;
+        if why.starts_with("Unable to acquire lock: EAGAIN") {
+            return Some((endpoint, Refusal::Locked));
+        }
+        let reason = why.rsplit_once(" at ").map_or(why, |(reason, _)| reason);
+        Some((endpoint, Refusal::System(reason.to_owned())))
+    })
 }
 
 /// Names the endpoints that accept no connection. If all accept one, none of them answered as zenoh in time.
@@ -289,4 +313,38 @@ fn fits(key: &str, payload: &[u8], limit: usize) -> Result<(), Error> {
         return Err(Error::TooLarge { key: key.into(), bytes: payload.len(), limit });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_socket_that_is_held_is_told_from_one_that_cannot_be() {
+        let listen = [Endpoint::parse("tcp/127.0.0.1:7447"), Endpoint::parse("unixsock-stream//run/a.sock")];
+        let listen = listen.map(Result::unwrap);
+        let why = |text: &str| {
+            let text = format!(
+                "Unable to open a listener: Can not create a new UnixSocketStream listener on {text}"
+            );
+            refused(&listen, &*Box::from(text)).map(|(endpoint, refusal)| {
+                assert_eq!(endpoint, &listen[1]);
+                refusal
+            })
+        };
+        let system = |reason: &str| Some(Refusal::System(reason.to_owned()));
+        assert_eq!(
+            why("/run/a.sock - Unable to acquire lock: EAGAIN: Try again at /src/unicast.rs:315."),
+            Some(Refusal::Locked)
+        );
+        assert_eq!(
+            why("/run/a.sock - Unable to acquire lock: ENOLCK: No record locks available at /src/unicast.rs:315."),
+            system("Unable to acquire lock: ENOLCK: No record locks available")
+        );
+        assert_eq!(
+            why("/run/a.sock: Operation not permitted (os error 1) at /src/unicast.rs:331."),
+            system("Operation not permitted (os error 1)")
+        );
+        assert_eq!(why("/run/b.sock: Operation not permitted (os error 1) at /src/unicast.rs:331."), None);
+    }
 }

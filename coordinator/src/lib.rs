@@ -83,8 +83,12 @@ pub fn run(role: Role) -> Result<Left, Failure> {
         let reached = match event {
             Ok(Event::Message { key, payload }) => match (keys.parse(&key), decode::<Progress>(&payload)) {
                 (Some(Key::Progress(_)), Ok(progress)) => Some(progress.update_calls),
-                (_, refused) => {
-                    ignored.add(format_args!("no progress on `{key}`: {refused:?}"));
+                (_, Ok(_)) => {
+                    ignored.add(format_args!("progress on `{key}`, which is no agent's key for it"));
+                    None
+                }
+                (_, Err(error)) => {
+                    ignored.add(format_args!("no progress on `{key}`: {error}"));
                     None
                 }
             },

@@ -18,7 +18,7 @@ use proto::exit;
 
 pub use convert::{Copies, Played};
 pub use run::{run, Closed};
-pub use task::{task, OPPONENT_FILE};
+pub use task::{check_transport, fits_low_latency, task, OPPONENT_FILE};
 
 /// Arguments of the role's process.
 #[derive(Debug, Clone, clap::Args)]

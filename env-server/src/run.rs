@@ -17,7 +17,7 @@ use crate::convert::Copies;
 use crate::record::{Edge, Report, Seconds, Unlogged};
 use crate::round::{Interrupted, Team, GRACE};
 use crate::seats::Seats;
-use crate::task::task;
+use crate::task::{check_transport, task};
 
 /// How a run ended without an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +45,7 @@ struct Saved {
 pub fn run(role: Role, start_over: bool) -> Result<Closed, Failure> {
     let Role { ref bus, ref config, ref keys, ref events, ref folder, wait, .. } = role;
     let task = task(config, folder.run())?;
+    check_transport(config, &task)?;
     if let Some(warning) = task.warning() {
         tracing::warn!(task = task.name(), "{warning}");
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use envs::{Opponent, Task};
 use process::Failure;
 use proto::config::{Config, World};
-use proto::exit;
+use proto::{exit, Observe};
 
 /// The file in a run folder with the weights of an opponent that is not built in.
 pub const OPPONENT_FILE: &str = "opponent.safetensors";
@@ -28,6 +28,38 @@ pub fn task(config: &Config, run: &Path) -> Result<Task, Failure> {
         task = task.with_opponent(&opponent).map_err(refused)?;
     }
     Ok(if *pad { task.padded() } else { task })
+}
+
+/// Bytes of the largest message of a run: what an agent sees at once in all environment copies.
+fn largest_message(config: &Config, task: &Task) -> usize {
+    let rows = config.world.copies.max(config.test.episodes) as usize;
+    let sizes = task.sizes();
+    let of_agent = |i: usize| Observe::encoded_len(rows, sizes.obs_size[i], sizes.n_actions[i]);
+    (0..sizes.agents).map(of_agent).max().unwrap_or(0)
+}
+
+/// Whether every message of a run fits the low-latency transport.
+pub fn fits_low_latency(config: &Config, task: &Task) -> bool {
+    largest_message(config, task) <= bus::LOW_LATENCY_MAX_BYTES
+}
+
+/// Refuses the low-latency transport for a run whose messages do not fit it.
+///
+/// # Errors
+/// The largest message, and what to do.
+pub fn check_transport(config: &Config, task: &Task) -> Result<(), Failure> {
+    if !config.bus.low_latency || fits_low_latency(config, task) {
+        return Ok(());
+    }
+    let text = format!(
+        "`bus.low_latency` is true, but that transport carries {} bytes a message and an observation of this run has \
+         up to {} (`world.copies` is {}, `test.episodes` {})\nhint: `bus.low_latency` = false",
+        bus::LOW_LATENCY_MAX_BYTES,
+        largest_message(config, task),
+        config.world.copies,
+        config.test.episodes
+    );
+    Err(Failure::new(exit::CONFIG, text))
 }
 
 /// The opponent that `world.opponent` names. Weights are read from the run's folder and compared with their digest, so

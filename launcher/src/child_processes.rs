@@ -1,9 +1,10 @@
 //! Each role as a child process of this one: the same program, started with the role's name.
 
 use std::collections::VecDeque;
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::{channel, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,9 +18,9 @@ use process::{Failure, LEAVE_NOW, LISTENING};
 use proto::config::Config;
 use proto::exit;
 use store::RunFolder;
-use tempfile::TempDir;
 
 use crate::drive::Options;
+use crate::meeting::Meeting;
 use crate::roles::{listen, Ended, News, Roles, Transport};
 
 /// Lines of stderr kept for the error message.
@@ -34,15 +35,12 @@ const PATIENCE: Duration = Duration::from_millis(1500);
 /// Pause between two checks of children that are about to listen or to end.
 const LOOK_AGAIN: Duration = Duration::from_millis(5);
 
-/// Longest folder of a Unix socket: the system limits the path, and the file's name needs room.
-const LONGEST_SOCKET_FOLDER: usize = 80;
-
 /// The children of this process.
 pub struct ChildProcesses {
     children: Vec<RunningChild>,
     /// Receives the scalars while it exists.
     _monitor: Arc<dyn bus::Bus>,
-    _sockets: Option<TempDir>,
+    _meeting: Meeting,
     stops: u32,
 }
 
@@ -69,42 +67,42 @@ impl ChildProcesses {
         config: &Config,
         options: &Options,
         machine: Machine,
-        transport: Transport,
+        transport: Option<Transport>,
         news: &Sender<News>,
     ) -> Result<Self, Failure> {
-        let (place, sockets) = socket_folder(folder)?;
-        let endpoint = |name: &str| match transport {
-            Transport::Unix => format!("unixsock-stream/{}", place.join(format!("{name}.sock")).display()),
-            Transport::Tcp => "tcp/127.0.0.1:0".to_owned(),
-        };
+        let meeting = Meeting::at(folder.path(), transport)?;
         let monitor = bus::open(&bus::Options {
-            listen: vec![endpoint("monitor")],
+            listen: vec![meeting.monitor.clone()],
             low_latency: config.bus.low_latency,
             ..bus::Options::default()
         })?;
         listen(&*monitor, config, news.clone())?;
-        let mut common: Vec<String> = vec![
-            format!("--config={}", folder.path().join("config.toml").display()),
-            format!("--out={}", folder.path().display()),
-            format!("--wait={}", options.wait.as_secs()),
-            "--with-launcher".to_owned(),
+        let mut common: Vec<OsString> = vec![
+            option("--config=", &folder.path().join("config.toml")),
+            option("--out=", folder.path()),
+            format!("--wait={}", options.wait.as_secs()).into(),
+            "--with-launcher".into(),
         ];
-        common.extend(monitor.endpoints().iter().map(|endpoint| format!("--monitor={endpoint}")));
+        common.extend(monitor.endpoints().iter().map(|endpoint| format!("--monitor={endpoint}").into()));
 
-        let mut roles = Self { children: vec![], _monitor: monitor, _sockets: sockets, stops: 0 };
+        let listeners = [
+            ("env-server", "world", meeting.world.clone()),
+            ("coordinator", "coordinator", meeting.coordinator.clone()),
+        ];
+        let mut roles = Self { children: vec![], _monitor: monitor, _meeting: meeting, stops: 0 };
         let (listening, endpoints) = channel();
-        for (role, name) in [("env-server", "world"), ("coordinator", "coordinator")] {
-            let mut arguments = vec![format!("--listen={}", endpoint(name))];
+        for (role, name, endpoint) in listeners {
+            let mut arguments: Vec<OsString> = vec![format!("--listen={endpoint}").into()];
             if options.start_over && role == "env-server" {
-                arguments.push("--start-over".to_owned());
+                arguments.push("--start-over".into());
             }
             roles.spawn(role, name, common.iter().chain(&arguments), news, Some(listening.clone()))?;
         }
         drop(listening);
-        let mut dial = Vec::new();
+        let mut dial: Vec<OsString> = Vec::new();
         while dial.len() < 2 {
             match endpoints.recv_timeout(LOOK_AGAIN) {
-                Ok(endpoint) => dial.push(format!("--connect={endpoint}")),
+                Ok(endpoint) => dial.push(format!("--connect={endpoint}").into()),
                 Err(RecvTimeoutError::Timeout) if !roles.children.iter().any(RunningChild::has_ended) => {}
                 // A child has ended before it listened; its own message names the reason.
                 Err(_) => return Ok(roles),
@@ -112,9 +110,9 @@ impl ChildProcesses {
         }
         for id in 0..config.world.agents {
             let own = [
-                format!("--id={id}"),
-                format!("--device={}", machine.device),
-                format!("--threads={}", machine.threads),
+                format!("--id={id}").into(),
+                format!("--device={}", machine.device).into(),
+                format!("--threads={}", machine.threads).into(),
             ];
             let arguments = common.iter().chain(&dial).chain(&own);
             roles.spawn("agent", &format!("agent-{id}"), arguments, news, None)?;
@@ -126,7 +124,7 @@ impl ChildProcesses {
         &mut self,
         role: &str,
         name: &str,
-        arguments: impl Iterator<Item = &'a String>,
+        arguments: impl Iterator<Item = &'a OsString>,
         news: &Sender<News>,
         listening: Option<Sender<String>>,
     ) -> Result<(), Failure> {
@@ -178,16 +176,11 @@ impl ChildProcesses {
     }
 }
 
-/// Sockets live in the run folder unless its path is too long for one.
-fn socket_folder(folder: &RunFolder) -> Result<(PathBuf, Option<TempDir>), Failure> {
-    let place = std::path::absolute(folder.path().join("bus")).unwrap_or_else(|_| folder.path().join("bus"));
-    let failed = |error| Failure::new(exit::IO, format!("cannot make a folder for sockets: {error}"));
-    if place.as_os_str().len() <= LONGEST_SOCKET_FOLDER {
-        std::fs::create_dir_all(&place).map_err(failed)?;
-        return Ok((place, None));
-    }
-    let short = tempfile::Builder::new().prefix("rondo-").tempdir().map_err(failed)?;
-    Ok((short.path().to_owned(), Some(short)))
+/// An option with a path, which need not be text.
+fn option(name: &str, path: &Path) -> OsString {
+    let mut option = OsString::from(name);
+    option.push(path);
+    option
 }
 
 /// Reads a child's stdout: the endpoints it listens on.
@@ -240,7 +233,7 @@ fn outlive(
     match status {
         Ok(Some(status)) => verdict(status, reports, &last_words),
         Ok(None) => unreachable!("the loop ends when there is a status"),
-        Err(error) => Err(Failure::new(exit::BUG, format!("cannot wait for {name}: {error}"))),
+        Err(error) => Err(Failure::new(exit::IO, format!("cannot wait for {name}: {error}"))),
     }
 }
 

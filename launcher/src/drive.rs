@@ -22,9 +22,9 @@ use crate::summary::{self, Summary};
 /// How the roles run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Place {
-    /// As separate processes, on this kind of link.
-    Processes(Transport),
-    /// As threads of this process, on a bus in memory.
+    /// Each in a process of its own, on this kind of link; none: whatever works here.
+    Processes(Option<Transport>),
+    /// All as threads of this process, on a bus in memory.
     InProcess,
 }
 

@@ -60,7 +60,7 @@ pub struct Eval {
     episodes: u32,
     #[command(flatten)]
     playing: Playing,
-    /// Where to write the result as JSON; without it `evaluation.json` in the run folder
+    /// Where to write the result as JSON; without it `evaluation.json` in the run folder, if that can be written to
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -131,9 +131,16 @@ impl Eval {
         println!("  episodes         {}, seed {}, actions: {actions}", evaluation.episodes, evaluation.seed);
         let path = self.json.clone().unwrap_or_else(|| self.run.join(FILE));
         let text = serde_json::to_string_pretty(&evaluation).map_err(|e| Failure::new(exit::BUG, e))?;
-        std::fs::write(&path, text + "\n")
-            .map_err(|e| Failure::new(exit::IO, format!("cannot write {}: {e}", path.display())))?;
-        println!("  written to       {}", path.display());
+        match std::fs::write(&path, text + "\n") {
+            Ok(()) => println!("  written to       {}", path.display()),
+            Err(error) if self.json.is_some() => {
+                return Err(Failure::new(exit::IO, format!("cannot write {}: {error}", path.display())));
+            }
+            // Nobody asked for it, and the run may be somebody else's.
+            Err(error) => {
+                eprintln!("not written to {}: {error}; `--json FILE` writes it elsewhere", path.display());
+            }
+        }
         Ok(())
     }
 }

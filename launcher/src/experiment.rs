@@ -1,10 +1,12 @@
 //! From the command line to a complete configuration.
 
+use std::path::Path;
+
 use envs::{Opponent, Task};
 use process::Failure;
 use proto::config::{AlgoName, Config, ConfigError, Period, Profile, Reward, Timescales};
+use proto::exit;
 use proto::presets::{self, Family};
-use proto::{exit, Observe};
 use store::RunFolder;
 
 /// The default task of `rondo train`: learned in half a minute.
@@ -136,22 +138,41 @@ impl Experiment {
         if let Some(period) = &self.switch_period {
             config.schedule.switch_period = period.parse::<Period>().map_err(|e| usage(&e))?;
         }
-        if !self.paper {
-            config.t_max = DEFAULT_BUDGET;
-        }
-        config.t_max = self.t_max.unwrap_or(config.t_max);
-        if !self.paper || self.t_max.is_some() {
+        // What follows from other keys follows from what `--set` makes of them, and is overridden itself at the end.
+        let set = |config: &Config| overridden(config.clone(), &self.settings);
+        let published = config.t_max;
+        config.t_max = self.t_max.unwrap_or(if self.paper { published } else { DEFAULT_BUDGET });
+        config.t_max = set(&config)?.t_max;
+        if !self.paper || self.t_max.is_some() || config.t_max != published {
             config.test.interval = (config.t_max / DEFAULT_TESTS).max(1);
         }
         config.test.interval = self.test_interval.unwrap_or(config.test.interval);
         config.test.episodes = self.test_episodes.unwrap_or(config.test.episodes);
-        config.log.interval = (config.test.interval / 5).max(1);
+        config.log.interval = (set(&config)?.test.interval / 5).max(1);
         config.world.copies = self.envs.unwrap_or(config.world.copies);
-        let config = overridden(config, &self.settings)?;
-        let task = if config.world.pad { task.padded() } else { task };
-        let config = with_transport(config, task);
-        config.validate()?;
+        let chosen = set(&config)?;
+        chosen.validate()?;
+        let task = self.world_of(&chosen)?;
+        config.bus.low_latency = env_server::fits_low_latency(&chosen, &task);
+        let config = set(&config)?;
+        env_server::check_transport(&config, &task)?;
         Ok(config)
+    }
+
+    /// The world of a complete configuration. Weights of an opponent are not in a run folder yet, and have been read.
+    fn world_of(&self, config: &Config) -> Result<Task, Failure> {
+        let mut config = config.clone();
+        match config.world.opponent.as_str() {
+            "builtin" | "random" | "still" => {}
+            file if file == self.opponent()?.name => config.world.opponent = "builtin".to_owned(),
+            other => {
+                let text = format!(
+                    "`world.opponent` is `{other}`: expected builtin, random or still; `--opponent FILE` takes weights"
+                );
+                return Err(Failure::new(exit::CONFIG, text));
+            }
+        }
+        env_server::task(&config, Path::new(""))
     }
 
     /// The opponent and its name in the configuration: a file is named by its digest.
@@ -264,12 +285,146 @@ pub fn overridden(config: Config, settings: &[String]) -> Result<Config, Failure
     })
 }
 
-/// Chooses the faster transport if the largest message fits it.
-fn with_transport(mut config: Config, task: Task) -> Config {
-    let rows = config.world.copies.max(config.test.episodes) as usize;
-    let sizes = task.sizes();
-    let largest =
-        (0..sizes.agents).map(|i| Observe::encoded_len(rows, sizes.obs_size[i], sizes.n_actions[i])).max();
-    config.bus.low_latency = largest.is_some_and(|bytes| bytes <= bus::LOW_LATENCY_MAX_BYTES);
-    config
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with(algo: &str, settings: &[&str]) -> Result<Config, Failure> {
+        let settings = settings.iter().map(|setting| (*setting).to_owned()).collect();
+        Experiment { settings, ..Experiment::of("lbf-5x5-2p-1f", algo) }.configure("run")
+    }
+
+    /// Another value for every key, except those in [`REFUSED`]. A new key belongs into one of the two lists.
+    const CHOSEN: &[&str] = &[
+        "run=other",
+        "seed=9",
+        "t_max=1000",
+        "world.task=\"lbf-6x6-2p-1f\"",
+        "world.copies=3",
+        "world.pad=true",
+        "world.reward=mean",
+        "algo.network=fc",
+        "algo.hidden=7",
+        "algo.gamma=0.5",
+        "algo.target_update=0.25",
+        "algo.max_grad_norm=3.5",
+        "algo.reward_standardisation=batch",
+        "algo.frozen_moments=hold",
+        "algo.agent_id_input=true",
+        "algo.last_action_input=true",
+        "ppo.epochs=2",
+        "ppo.clip=0.3",
+        "ppo.entropy_coef=0.5",
+        "ppo.n_step=2",
+        "ppo.end_of_batch=epymarl",
+        "ppo.policy_test=greedy",
+        "q.buffer=77",
+        "q.batch=16",
+        "q.draws=independent",
+        "q.double=false",
+        "q.epsilon_start=0.75",
+        "q.epsilon_finish=0.25",
+        "q.epsilon_anneal=60",
+        "q.test_epsilon=0.125",
+        "q.time_limit_is_terminal=false",
+        "schedule.rates=[0.25, 0.125]",
+        "schedule.levels=[1, 0]",
+        "schedule.switch_period=8",
+        "schedule.switch_unit=gradient_step",
+        "test.interval=77",
+        "test.episodes=7",
+        "save.interval=7",
+        "log.interval=7",
+        "bus.low_latency=false",
+    ];
+
+    /// What decides other keys, has an option of its own, or cannot work.
+    const REFUSED: &[&str] = &[
+        "world.agents=3",
+        "world.opponent=else",
+        "algo.name=ippo",
+        "algo.profile=epymarl",
+        "algo.clip_scope=joint",
+    ];
+
+    /// Keys that follow from a key unless they are chosen too.
+    fn follows(key: &str) -> &'static [&'static str] {
+        match key {
+            "t_max" => &["test.interval", "log.interval"],
+            "test.interval" => &["log.interval"],
+            _ => &[],
+        }
+    }
+
+    fn keys(prefix: &str, table: &toml::Table, found: &mut Vec<String>) {
+        for (key, value) in table {
+            match value {
+                toml::Value::Table(inner) => keys(&format!("{prefix}{key}."), inner, found),
+                _ => found.push(format!("{prefix}{key}")),
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_set_stays_set_and_nothing_else_changes_but_what_follows_from_it() {
+        let mut seen = Vec::new();
+        for algo in ["mtppo", "mtql"] {
+            let default = with(algo, &[]).unwrap();
+            let mut there = Vec::new();
+            keys("", &default.to_toml().parse().unwrap(), &mut there);
+            for key in there {
+                let is_of_key = |setting: &&&str| setting.split('=').next() == Some(&key);
+                if let Some(setting) = REFUSED.iter().find(is_of_key) {
+                    let refusal = with(algo, &[setting]).expect_err(setting);
+                    assert_eq!(refusal.code, exit::CONFIG, "{refusal}");
+                } else {
+                    let setting =
+                        CHOSEN.iter().find(is_of_key).unwrap_or_else(|| panic!("`{key}` is not tried"));
+                    let chosen = with(algo, &[setting]).unwrap_or_else(|error| panic!("{setting}: {error}"));
+                    let changed: Vec<String> =
+                        chosen.differences(&default).into_iter().map(|difference| difference.key).collect();
+                    assert!(changed.contains(&key), "`--set {setting}` changes nothing");
+                    let follow =
+                        |changed: &String| *changed == key || follows(&key).contains(&changed.as_str());
+                    assert!(changed.iter().all(follow), "`--set {setting}` changes {changed:?}");
+                }
+                seen.push(key);
+            }
+        }
+        let tried = CHOSEN.iter().chain(REFUSED).map(|setting| setting.split('=').next().unwrap());
+        for key in tried {
+            assert!(seen.iter().any(|seen| seen == key), "there is no key `{key}`");
+        }
+    }
+
+    #[test]
+    fn what_follows_from_a_key_follows_from_what_is_set() {
+        let config = with("ippo", &["t_max=1000"]).unwrap();
+        assert_eq!((config.test.interval, config.log.interval), (50, 10));
+        let config = with("ippo", &["t_max=1000", "test.interval=500", "log.interval=3"]).unwrap();
+        assert_eq!((config.test.interval, config.log.interval), (500, 3));
+        // A section at once is as good as a key.
+        assert!(!with("ippo", &["bus={low_latency=false}"]).unwrap().bus.low_latency);
+    }
+
+    #[test]
+    fn messages_that_do_not_fit_the_low_latency_transport_decide_it_or_refuse_it() {
+        assert!(!with("ippo", &["world.copies=1000"]).unwrap().bus.low_latency);
+        let refusal = with("ippo", &["world.copies=1000", "bus.low_latency=true"]).unwrap_err();
+        assert_eq!(refusal.code, exit::CONFIG);
+        assert_eq!(
+            refusal.message,
+            "`bus.low_latency` is true, but that transport carries 32768 bytes a message and an observation of this \
+             run has up to 49040 (`world.copies` is 1000, `test.episodes` 100)\nhint: `bus.low_latency` = false"
+        );
+    }
+
+    #[test]
+    fn a_world_that_is_set_has_the_agents_that_it_has() {
+        let refusal = with("ippo", &["world.task=lbf-8x8-3p-2f"]).unwrap_err();
+        assert_eq!(refusal.code, exit::CONFIG);
+        assert_eq!(refusal.message, "`world.agents` is 2, but lbf-8x8-3p-2f has 3");
+        let larger = with("ippo", &["world.task=lbf-8x8-2p-30f", "world.copies=300"]);
+        assert!(!larger.unwrap().bus.low_latency, "the messages are those of the world that is played");
+    }
 }

@@ -131,6 +131,15 @@ fn load(paths: &[PathBuf], metric: &str) -> Result<Vec<monitor::Curve>, Failure>
         return Err(unusable(first));
     }
     left_out.iter().for_each(|error| eprintln!("left out: {error}"));
+    let role = metric.split_once('/').map_or("world", |(role, _)| role);
+    for curve in curves.iter().filter(|curve| curve.source.is_dir()) {
+        // What can be read is drawn; only what is known to be missing is named.
+        if let Err(error @ store::Error::MissingRows { .. }) =
+            RunFolder::open(&curve.source).and_then(|run| run.check_rows(role))
+        {
+            eprintln!("left out: {error}");
+        }
+    }
     Ok(curves)
 }
 

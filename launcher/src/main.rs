@@ -8,6 +8,7 @@ mod eval;
 mod experiment;
 mod in_process;
 mod look;
+mod meeting;
 mod notes;
 mod one_at_a_time;
 mod presets;

@@ -77,7 +77,7 @@ impl Render {
         // Dropping the terminal restores the cursor. A signal alone would prevent that.
         let stop = Arc::new(AtomicBool::new(false));
         for signal in process::stop_signals() {
-            signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Failure::new(exit::BUG, e))?;
+            signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|e| Failure::new(exit::IO, e))?;
         }
         self.play(team, |frame| {
             if stop.load(Ordering::Relaxed) {
@@ -118,17 +118,23 @@ fn frame(worlds: &Copies, actions: &[Vec<u16>], episode: u32) -> Frame {
 
 /// `FILE-0001.png` of `FILE.png`.
 fn numbered(out: &Path, number: usize) -> PathBuf {
-    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
-    let extension = out.extension().unwrap_or_default().to_string_lossy();
-    out.with_file_name(format!("{stem}-{number:04}.{extension}"))
+    let mut name = out.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("-{number:04}."));
+    name.push(out.extension().unwrap_or_default());
+    out.with_file_name(name)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+
     use super::*;
 
     #[test]
     fn pictures_are_numbered_before_their_extension() {
         assert_eq!(numbered(Path::new("a/film.png"), 7), Path::new("a/film-0007.png"));
+        let [not_text, its_seventh] = [&b"a/caf\xe9.png"[..], b"a/caf\xe9-0007.png"].map(OsStr::from_bytes);
+        assert_eq!(numbered(Path::new(not_text), 7), Path::new(its_seventh));
     }
 }

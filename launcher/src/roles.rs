@@ -13,7 +13,7 @@ use proto::keys::{Key, Keys};
 /// How processes on one machine reach each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Transport {
-    /// Unix sockets in the run folder
+    /// Unix sockets in the run folder, or in one for temporary files
     Unix,
     /// TCP on 127.0.0.1
     Tcp,

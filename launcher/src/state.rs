@@ -18,12 +18,20 @@ pub fn is_run(path: &Path) -> bool {
 /// # Errors
 /// What is there.
 pub fn is_vacant(path: &Path) -> Result<(), Failure> {
+    let refuse = |what: &str| {
+        let text = format!(
+            "{} is {what}, a run needs a folder\nhint: choose another one with --out",
+            path.display()
+        );
+        Err(Failure::new(exit::CONFIG, text))
+    };
     let mut entries = match std::fs::read_dir(path) {
         Ok(entries) => entries,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(()),
-        Err(error) => {
-            return Err(Failure::new(exit::IO, format!("cannot list {}: {error}", path.display())));
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            return if path.is_symlink() { refuse("a link to nothing") } else { Ok(()) };
         }
+        Err(_) if path.is_file() => return refuse("a file"),
+        Err(error) => return Err(cannot_list(path, &error)),
     };
     if entries.next().is_none() {
         return Ok(());
@@ -36,12 +44,21 @@ pub fn is_vacant(path: &Path) -> Result<(), Failure> {
     Err(Failure::new(exit::CONFIG, text))
 }
 
+fn cannot_list(path: &Path, error: &std::io::Error) -> Failure {
+    let hint = match error.kind() {
+        std::io::ErrorKind::NotADirectory => "a part of this path is a file; choose another folder",
+        std::io::ErrorKind::InvalidFilename => "choose a shorter name",
+        _ => "choose another folder, or give this user the right to it",
+    };
+    Failure::new(exit::IO, format!("cannot list {}: {error}\nhint: {hint}", path.display()))
+}
+
 /// The runs below a folder of seeds, by seed.
 ///
 /// # Errors
 /// If the folder cannot be listed; one that is missing has none.
 pub fn seeds(path: &Path) -> Result<Vec<(u64, PathBuf)>, Failure> {
-    let failed = |error| Failure::new(exit::IO, format!("cannot list {}: {error}", path.display()));
+    let failed = |error| cannot_list(path, &error);
     let entries = match std::fs::read_dir(path) {
         Ok(entries) => entries,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(vec![]),

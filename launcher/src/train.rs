@@ -26,9 +26,9 @@ pub struct Running {
     /// Run all roles as threads of this process instead of processes; the result is the same
     #[arg(long)]
     pub in_process: bool,
-    /// How the processes reach each other
-    #[arg(long, value_enum, default_value = "unix")]
-    pub transport: Transport,
+    /// How the processes reach each other. Without it: unix, and tcp where no folder can hold Unix sockets
+    #[arg(long, value_enum)]
+    pub transport: Option<Transport>,
     #[command(flatten)]
     pub device: agent::DeviceArgument,
     /// Seconds that roles wait for each other before they give up
@@ -98,6 +98,10 @@ impl Train {
             notes::print(&self.experiment, &config);
         }
         if self.seeds > 1 {
+            if self.experiment.settings.iter().any(|setting| setting.starts_with("seed=")) {
+                let text = "`--set seed` with `--seeds`: each seed is another one; `--seed` says the first";
+                return Err(Failure::new(exit::USAGE, text));
+            }
             let out =
                 self.choose(&format!("{}-{algo}", config.world.task), |out| self.no_other_seeds(out))?;
             let seeds = (0..self.seeds).map(|k| config.seed.wrapping_add(k.into()));
@@ -139,7 +143,15 @@ impl Train {
         if self.out.is_some() {
             return fits(&wanted).map(|()| wanted);
         }
-        Ok(candidates.find(|path| fits(path).is_ok()).expect("there are enough numbers"))
+        for path in candidates {
+            match fits(&path) {
+                Ok(()) => return Ok(path),
+                // Another configuration uses it.
+                Err(failure) if failure.code == exit::CONFIG => {}
+                Err(failure) => return Err(failure),
+            }
+        }
+        unreachable!("there are enough numbers")
     }
 
     /// Checks that a folder is new, or that of a run with this configuration.
@@ -239,6 +251,9 @@ impl Resume {
                 MAY_CHANGE.join(", ")
             );
             return Err(Failure::new(exit::CONFIG, text));
+        }
+        if config.bus != before.bus {
+            env_server::check_transport(&config, &env_server::task(&config, &self.run)?)?;
         }
         Ok(config)
     }

@@ -48,7 +48,7 @@ impl From<bus::Error> for Failure {
     fn from(error: bus::Error) -> Self {
         let code = match &error {
             bus::Error::Endpoint { .. } => exit::USAGE,
-            bus::Error::InUse { .. } | bus::Error::Listen { .. } => exit::IO,
+            bus::Error::InUse { .. } | bus::Error::Listen { .. } | bus::Error::System { .. } => exit::IO,
             bus::Error::TooLarge { .. } => exit::CONFIG,
             bus::Error::Unreachable { .. } | bus::Error::Closed { .. } => exit::AGAIN,
             _ => exit::BUG,
@@ -85,9 +85,18 @@ pub fn parse_arguments<T: clap::Parser>() -> Result<T, ExitCode> {
 pub fn exit_on_panic() {
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
-        let text = panic.payload().downcast_ref::<String>().map_or("", String::as_str);
+        let payload = panic.payload();
+        let text = payload.downcast_ref::<String>().map(String::as_str);
+        let text = text.or_else(|| payload.downcast_ref::<&str>().copied()).unwrap_or_default();
         if text.starts_with("failed printing to stdout") && text.contains("Broken pipe") {
             std::process::exit(exit::DONE.into());
+        }
+        if let Some(reason) = system_reason(text) {
+            eprintln!(
+                "error: the system refused what rondo needs: {reason}\nhint: look at the limits on open files and \
+                 processes (`ulimit -n`, `ulimit -u`) and the space that is left; the last checkpoint is intact"
+            );
+            std::process::exit(exit::IO.into());
         }
         tell(panic);
         eprintln!(
@@ -95,4 +104,39 @@ pub fn exit_on_panic() {
         );
         std::process::exit(exit::BUG.into());
     }));
+}
+
+/// What the operating system said, if a panic is about that: `std::io::Error` in the form for people or for
+/// programmers.
+fn system_reason(panic: &str) -> Option<String> {
+    // zenoh's runtime drops the reason, but has no other: a file or a thread too many.
+    if panic.starts_with("Failed to init ") {
+        return Some("the message bus cannot start its threads".to_owned());
+    }
+    if panic.contains("(os error ") {
+        return Some(panic.to_owned());
+    }
+    let (_, error) = panic.split_once("Os { code: ")?;
+    let (code, rest) = error.split_once(',')?;
+    let (_, message) = rest.split_once("message: \"")?;
+    Some(format!("{} (os error {code})", message.split('"').next()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_of_the_system_is_told_from_a_bug() {
+        let full = std::io::Error::from_raw_os_error(28);
+        let reason = "No space left on device (os error 28)";
+        assert_eq!(
+            system_reason(&format!("failed printing to stdout: {full}")).as_deref(),
+            Some("failed printing to stdout: No space left on device (os error 28)")
+        );
+        let unwrapped = format!("failed to spawn thread: {full:?}");
+        assert_eq!(system_reason(&unwrapped).as_deref(), Some(reason), "{unwrapped}");
+        assert!(system_reason("Failed to init rx").is_some());
+        assert_eq!(system_reason("index out of bounds: the len is 3 but the index is 3"), None);
+    }
 }

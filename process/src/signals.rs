@@ -41,7 +41,7 @@ pub fn stop_signals() -> Vec<i32> {
 /// If the system refuses the handler.
 pub fn on_stop_request(mut act: impl FnMut(StopRequest) + Send + 'static) -> Result<(), Failure> {
     let mut signals = Signals::new(stop_signals())
-        .map_err(|error| Failure::new(exit::BUG, format!("cannot watch for signals: {error}")))?;
+        .map_err(|error| Failure::new(exit::IO, format!("cannot watch for signals: {error}")))?;
     thread::spawn(move || {
         let mut requests = Requests::default();
         for signal in signals.forever() {

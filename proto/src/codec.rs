@@ -5,6 +5,7 @@
 //! panics, and treats leftover bytes as an error: they come from a foreign or a broken peer.
 
 use crate::control::Rates;
+use bincode::error::{DecodeError, EncodeError};
 use serde::de::DeserializeOwned;
 use serde::Serialize;
 use thiserror::Error;
@@ -50,9 +51,12 @@ pub enum WireError {
     /// Bytes after the end of the message.
     #[error("{name} message followed by {extra} more bytes")]
     Trailing { name: &'static str, extra: usize },
+    /// It ends before its content does.
+    #[error("{name} message of {found} bytes is cut off: expected at least {expected}")]
+    CutOff { name: &'static str, expected: usize, found: usize },
     /// The content does not follow the encoding.
-    #[error("{name} message: {text}")]
-    Bincode { name: &'static str, text: String },
+    #[error("{name} message of {found} bytes: {what}")]
+    Content { name: &'static str, what: String, found: usize },
 }
 
 /// A control message: rare, small, encoded by serde and bincode.
@@ -81,7 +85,7 @@ pub fn encode<M: Message>(message: &M) -> Result<Vec<u8>, WireError> {
     message.check().map_err(|what| WireError::Value { name: M::NAME, what })?;
     let mut bytes = vec![WIRE_VERSION, M::TAG];
     bincode::serde::encode_into_std_write(message, &mut bytes, options())
-        .map_err(|error| WireError::Bincode { name: M::NAME, text: error.to_string() })?;
+        .map_err(|error| WireError::Value { name: M::NAME, what: unwritten(&error) })?;
     if bytes.len() > M::MAX_BYTES {
         return Err(WireError::TooLong { name: M::NAME, limit: M::MAX_BYTES, found: bytes.len() });
     }
@@ -99,12 +103,46 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, WireError> {
     }
     let content = &bytes[FRAME_BYTES..];
     let (message, used) = bincode::serde::decode_from_slice::<M, _>(content, options())
-        .map_err(|error| WireError::Bincode { name: M::NAME, text: error.to_string() })?;
+        .map_err(|error| unread(&error, M::NAME, bytes.len()))?;
     if used < content.len() {
         return Err(WireError::Trailing { name: M::NAME, extra: content.len() - used });
     }
     message.check().map_err(|what| WireError::Value { name: M::NAME, what })?;
     Ok(message)
+}
+
+/// bincode's own texts are those for programmers.
+fn unwritten(error: &EncodeError) -> String {
+    match error {
+        EncodeError::Other(what) => (*what).to_owned(),
+        EncodeError::OtherString(what) => what.clone(),
+        _ => "it cannot be put into bytes".to_owned(),
+    }
+}
+
+/// What is wrong with the content of a message of `found` bytes.
+fn unread(error: &DecodeError, name: &'static str, found: usize) -> WireError {
+    let what = match error {
+        DecodeError::UnexpectedEnd { additional } => {
+            return WireError::CutOff { name, expected: found.saturating_add(*additional), found };
+        }
+        DecodeError::LimitExceeded => "a length in it is larger than such a message can be".to_owned(),
+        DecodeError::OutsideUsizeRange(length) => {
+            format!("a length in it is {length}, which no list can have")
+        }
+        DecodeError::InvalidIntegerType { .. } => {
+            "a number in it has more bytes than expected there".to_owned()
+        }
+        DecodeError::InvalidBooleanValue(byte) => format!("a byte in it is {byte}: expected 0 or 1"),
+        DecodeError::Utf8 { inner } => format!("a text in it is not UTF-8: {inner}"),
+        DecodeError::UnexpectedVariant { found, .. } => {
+            format!("a choice in it is {found}, which does not exist")
+        }
+        DecodeError::Other(what) => (*what).to_owned(),
+        DecodeError::OtherString(what) => what.clone(),
+        _ => "it does not follow the encoding".to_owned(),
+    };
+    WireError::Content { name, what, found }
 }
 
 /// Checks version and tag, then that at least `shortest` bytes are there. The version comes first, because a peer of

@@ -93,9 +93,13 @@ mod tests {
         let list = [&[WIRE_VERSION, 8, 0, 0][..], &length].concat();
         let name = [&[WIRE_VERSION, 8, 0, 0, 1][..], &length].concat();
         let huge_list = [&list[..], &[1; 2000]].concat();
-        for bytes in [list, name, huge_list] {
-            let error = decode::<Metrics>(&bytes).unwrap_err();
-            assert!(matches!(error, WireError::Bincode { name: "Metrics", .. }), "{error}");
+        // A list is refused when its elements end, a text by its length alone.
+        for (bytes, text) in [
+            (list, "Metrics message of 13 bytes is cut off: expected at least 14"),
+            (huge_list, "Metrics message of 2013 bytes is cut off: expected at least 2014"),
+            (name, "Metrics message of 14 bytes: a length in it is larger than such a message can be"),
+        ] {
+            assert_eq!(decode::<Metrics>(&bytes).unwrap_err().to_string(), text);
         }
     }
 

@@ -11,7 +11,8 @@ pub const USAGE: u8 = 64;
 /// A defect of the program itself; please report it.
 pub const BUG: u8 = 70;
 
-/// A file or folder could not be read or written, for instance on a full disk; repair that, then resume.
+/// A file, folder or endpoint could not be used, for instance on a full disk, or the system refused something else
+/// that is needed; repair that, then resume.
 pub const IO: u8 = 74;
 
 /// Something outside was missing or went away, for instance a peer; starting the same command again resumes the run.

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::files::{self, WRITING};
+use crate::metrics::Position;
 use crate::weights::{self, Tensor};
 use crate::Error;
 
@@ -57,6 +58,12 @@ struct FileRecord {
     bytes: u64,
     /// In lower-case hexadecimal digits.
     blake3: String,
+}
+
+/// The part of a role's state that any reader may understand.
+#[derive(Deserialize)]
+struct Rows {
+    metrics: Position,
 }
 
 impl Manifest {
@@ -138,6 +145,15 @@ impl Checkpoints {
         let Contents { weights, state, .. } = self.read(round)?;
         let tensors = weights::decode(&weights).map_err(|problem| self.damaged(round, problem))?;
         Ok(Checkpoint { round, state, tensors })
+    }
+
+    /// How far the latest checkpoint that says so counts on the metric rows. The digests are not checked.
+    pub(crate) fn counts_on(&self) -> Result<Option<Position>, Error> {
+        let says = |round: u64| {
+            let state = fs::read(self.folder(round).join(STATE)).ok()?;
+            serde_json::from_slice::<Rows>(&state).ok().map(|rows| rows.metrics)
+        };
+        Ok(self.listed()?.into_iter().rev().find_map(says))
     }
 
     /// Removes the rounds after `round`, damaged ones too: the run resumes from `round`.

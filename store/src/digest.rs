@@ -97,7 +97,7 @@ pub fn partial_digest(run: &RunFolder, agents: usize) -> Result<PartialDigest, E
 /// # Errors
 /// [`Error::MissingRoles`] if the world or an agent has no folder here, [`Error::NoCheckpoint`] if an agent has no
 /// complete checkpoint, [`Error::RoundsDiffer`] if the latest ones are of different rounds, [`Error::NoMetrics`] if a
-/// role's metric rows are missing. In each of these cases there is a [`partial_digest`].
+/// role's metric rows are missing, [`Error::MissingRows`] if some of them are. In each of these cases there is a [`partial_digest`].
 pub fn digest(run: &RunFolder, agents: usize) -> Result<RunDigest, Error> {
     let names = role_names(run, agents)?;
     let agents = &names[1..];
@@ -114,11 +114,8 @@ pub fn digest(run: &RunFolder, agents: usize) -> Result<RunDigest, Error> {
 
     let mut hasher = Hasher::new();
     for name in &names {
-        let path = run.role(name)?.metrics_path();
-        if !path.exists() {
-            return Err(Error::NoMetrics { path });
-        }
-        let lines = complete_lines(&path)?;
+        run.check_rows(name)?;
+        let lines = complete_lines(&run.role(name)?.metrics_path())?;
         put_text(&mut hasher, name);
         put_number(&mut hasher, lines.len());
         hasher.update(&lines);
@@ -385,6 +382,31 @@ mod tests {
             let run = Run::new();
             fs::remove_file(run.role(role).metrics_path()).unwrap();
             assert!(run.refusal().starts_with(&format!("there is no `RUN/{role}/metrics.jsonl`\nhint: ")));
+        }
+    }
+
+    #[test]
+    fn rows_that_the_latest_checkpoint_counts_on_and_that_are_cut_off_are_counted() {
+        let run = Run::new();
+        let role = run.role("agent-1");
+        let mut metrics = role.metrics(Position::START).unwrap();
+        for calls in 1..=3 {
+            metrics.append(&Row::of_learner(100 * calls, calls).with("loss", 0.5)).unwrap();
+        }
+        let state = serde_json::json!({ "metrics": metrics.sync().unwrap(), "counters": [1] });
+        run.save("agent-1", LAST, |checkpoint| checkpoint.state = state.to_string().into_bytes());
+        let whole = run.digest();
+        // A row behind them, whole or in part, does no harm.
+        let rows = fs::read_to_string(role.metrics_path()).unwrap();
+        fs::write(role.metrics_path(), format!("{rows}{{\"t_env\":400")).unwrap();
+        assert_eq!(run.digest(), whole);
+        for cut in [1, 40] {
+            fs::write(role.metrics_path(), &rows[..rows.len() - cut]).unwrap();
+            assert_eq!(
+                run.refusal(),
+                "`RUN/agent-1/metrics.jsonl` has 2 whole rows, the latest checkpoint counts on 3\n\
+                 hint: the file was cut or copied in part, copy it again"
+            );
         }
     }
 

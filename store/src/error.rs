@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// code. An error in none of the three groups is a bug of the calling program.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    #[error("could not {doing} `{}`: {cause}", path.display())]
+    #[error("could not {doing} `{}`: {cause}{}", path.display(), hint(cause))]
     Io { doing: &'static str, path: PathBuf, cause: io::Error },
 
     #[error(
@@ -111,6 +111,13 @@ pub enum Error {
     )]
     NoMetrics { path: PathBuf },
 
+    #[error(
+        "`{}` has {found} whole rows, the latest checkpoint counts on {expected}\n\
+         hint: the file was cut or copied in part, copy it again",
+        path.display()
+    )]
+    MissingRows { path: PathBuf, expected: u64, found: u64 },
+
     #[error("`{name}` is not a role: expected `world`, `coordinator` or `agent-<number>`")]
     RoleName { name: String },
 
@@ -149,6 +156,7 @@ impl Error {
                 | Self::RoundsDiffer { .. }
                 | Self::MissingRoles { .. }
                 | Self::NoMetrics { .. }
+                | Self::MissingRows { .. }
         )
     }
 
@@ -159,6 +167,31 @@ impl Error {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::Full { doing, path, cause },
             _ => Self::Io { doing, path, cause },
         }
+    }
+}
+
+/// What to do about a path that the system refuses; nothing where the reason says it.
+fn hint(cause: &io::Error) -> &'static str {
+    const ENFILE: i32 = 23;
+    const EMFILE: i32 = 24;
+    const ELOOP: i32 = 40;
+    match (cause.kind(), cause.raw_os_error()) {
+        (io::ErrorKind::PermissionDenied, _) => {
+            "\nhint: give this user the right to it, or choose another folder with --out"
+        }
+        (io::ErrorKind::ReadOnlyFilesystem, _) => {
+            "\nhint: choose another folder with --out, or copy the run to where it can be written"
+        }
+        (io::ErrorKind::NotADirectory, _) => {
+            "\nhint: a part of this path is a file; choose another folder with --out"
+        }
+        (io::ErrorKind::AlreadyExists, _) => {
+            "\nhint: a file or a link to nothing has this name; choose another folder with --out"
+        }
+        (io::ErrorKind::InvalidFilename, _) => "\nhint: choose a shorter name with --out",
+        (_, Some(ELOOP)) => "\nhint: links lead in a circle here; choose another folder with --out",
+        (_, Some(ENFILE | EMFILE)) => "\nhint: raise the limit on open files (`ulimit -n`)",
+        _ => "",
     }
 }
 
@@ -184,10 +217,34 @@ mod tests {
     }
 
     #[test]
+    fn what_the_system_refuses_comes_with_what_to_do() {
+        for (errno, part) in [
+            (1, "give this user the right to it"),
+            (17, "a file or a link to nothing has this name"),
+            (20, "a part of this path is a file"),
+            (23, "`ulimit -n`"),
+            (24, "`ulimit -n`"),
+            (30, "copy the run to where it can be written"),
+            (36, "choose a shorter name"),
+            (40, "links lead in a circle"),
+            (122, "free some and `rondo resume`"),
+        ] {
+            let error =
+                Error::io("create the folder", Path::new("runs/a"))(io::Error::from_raw_os_error(errno));
+            let text = error.to_string();
+            assert!(error.is_io() && text.contains("`runs/a`") && text.contains(part), "{errno}: {text}");
+        }
+    }
+
+    #[test]
     fn other_failures_say_what_was_done_to_which_path() {
         const EACCES: i32 = 13;
         let error = Error::io("list", Path::new("runs/a"))(io::Error::from_raw_os_error(EACCES));
-        assert_eq!(error.to_string(), "could not list `runs/a`: Permission denied (os error 13)");
+        assert_eq!(
+            error.to_string(),
+            "could not list `runs/a`: Permission denied (os error 13)\n\
+             hint: give this user the right to it, or choose another folder with --out"
+        );
         assert!(error.is_io() && !error.is_config() && !error.is_unfinished());
     }
 }

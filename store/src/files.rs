@@ -58,16 +58,41 @@ pub(crate) fn replace(path: &Path, bytes: &[u8]) -> Result<File, Error> {
 /// Like [`replace`], but returns `false` without a change if the file already exists. Any number of processes may try
 /// at once.
 pub(crate) fn place(path: &Path, bytes: &[u8]) -> Result<bool, Error> {
-    match unfinished(path, bytes)?.persist_noclobber(path) {
-        Ok(_) => sync_folder(parent(path)).map(|()| true),
-        Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => Ok(false),
-        Err(error) => Err(Error::io("rename a temporary file to", path)(error.error)),
+    let placed = match unfinished(path, bytes)?.persist_noclobber(path) {
+        Ok(_) => Ok(()),
+        Err(error) if error.error.kind() == io::ErrorKind::AlreadyExists => return Ok(false),
+        // There is neither a rename that replaces nothing nor a second name for a file.
+        Err(_) => write_new(path, bytes).inspect_err(|error| {
+            // A part of it would be worse than nothing; another process's file stays.
+            if !matches!(error, Error::Io { cause, .. } if cause.kind() == io::ErrorKind::AlreadyExists) {
+                let _ = fs::remove_file(path);
+            }
+        }),
+    };
+    match placed {
+        Ok(()) => sync_folder(parent(path)).map(|()| true),
+        Err(Error::Io { cause, .. }) if cause.kind() == io::ErrorKind::AlreadyExists => Ok(false),
+        Err(error) => Err(error),
     }
 }
 
-/// Makes renamed, created and removed names durable.
+/// Makes renamed, created and removed names durable, as far as the file system lets us: some flush no folders, and
+/// one that may be written to but not be read cannot be opened for it.
 pub(crate) fn sync_folder(path: &Path) -> Result<(), Error> {
-    File::open(path).and_then(|folder| folder.sync_all()).map_err(Error::io("flush the folder", path))
+    match File::open(path).and_then(|folder| folder.sync_all()) {
+        Err(error) if !is_refusal(&error) => Err(Error::io("flush the folder", path)(error)),
+        _ => Ok(()),
+    }
+}
+
+/// Whether a call failed because it is not for this kind of file or file system, or not for this user. That the
+/// file cannot be written or that the disk fails is something else.
+pub(crate) fn is_refusal(error: &io::Error) -> bool {
+    const EBADF: i32 = 9;
+    let kind = error.kind();
+    // ENOSYS, EOPNOTSUPP and ENOTSUP are `Unsupported`, EACCES and EPERM `PermissionDenied`, EINVAL is `InvalidInput`.
+    matches!(kind, io::ErrorKind::Unsupported | io::ErrorKind::PermissionDenied | io::ErrorKind::InvalidInput)
+        || error.raw_os_error() == Some(EBADF)
 }
 
 /// A flushed temporary file beside `path`, under a random name: roles on different hosts may

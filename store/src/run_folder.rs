@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::checkpoints::Checkpoints;
 use crate::episodes::Episodes;
-use crate::metrics::{MetricsWriter, Position};
+use crate::metrics::{complete_lines, MetricsWriter, Position};
 use crate::{files, Error};
 
 const CONFIG: &str = "config.toml";
@@ -113,6 +113,24 @@ impl RunFolder {
             files::names(&self.path)?.into_iter().filter(|name| role_order(name).is_some()).collect();
         roles.sort_by_key(|name| role_order(name));
         Ok(roles)
+    }
+
+    /// Whether a role has as many complete metric rows as its latest checkpoint counts on.
+    ///
+    /// # Errors
+    /// [`Error::MissingRows`] if some are not, [`Error::NoMetrics`] if there is no such file.
+    pub fn check_rows(&self, role: &str) -> Result<(), Error> {
+        let role = self.role(role)?;
+        let path = role.metrics_path();
+        if !path.exists() {
+            return Err(Error::NoMetrics { path });
+        }
+        let expected = role.checkpoints().counts_on()?.map_or(0, |position| position.rows);
+        let found = complete_lines(&path)?.iter().filter(|&&byte| byte == b'\n').count() as u64;
+        if found < expected {
+            return Err(Error::MissingRows { path, expected, found });
+        }
+        Ok(())
     }
 
     /// Writes a file of the whole run beside `config.toml`, in one step.
@@ -289,12 +307,16 @@ fn role_order(name: &str) -> Option<(u8, u32)> {
 /// closes it to other users and returns `true`. A folder with other files is not changed.
 fn is_vacant(path: &Path, welcome: impl Fn(&str) -> bool) -> Result<bool, Error> {
     files::ensure_folder(path)?;
-    if files::names(path)?.iter().any(|name| !name.starts_with(files::WRITING) && !welcome(name)) {
-        return Ok(false);
+    for entry in fs::read_dir(path).map_err(Error::io("list", path))? {
+        let name = entry.map_err(Error::io("list", path))?.file_name();
+        // A name that is not text is nobody's of ours.
+        if !name.to_str().is_some_and(|name| name.starts_with(files::WRITING) || welcome(name)) {
+            return Ok(false);
+        }
     }
     match fs::set_permissions(path, Permissions::from_mode(0o700)) {
-        // A mounted volume may belong to another user; its access rights stay.
-        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => {
+        // A mounted volume belongs to somebody else, and whoever mounted it decides; or it knows no permissions.
+        Err(error) if files::is_refusal(&error) => {
             tracing::warn!(path = %path.display(), %error, "cannot close the run folder to other users");
         }
         other => other.map_err(Error::io("close to other users", path))?,

@@ -15,6 +15,7 @@ mod hosts;
 mod isolation;
 mod learning;
 mod opponents;
+mod places;
 mod playing;
 mod python_agent;
 mod q_learning;

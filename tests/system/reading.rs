@@ -64,3 +64,28 @@ fn runs_whose_numbers_mean_other_things_are_not_compared_without_a_word() {
     assert!(first.contains("world.reward"), "{compared:#?}");
     assert!(compared.stdout.contains("verdict: none"), "{compared:#?}");
 }
+
+#[test]
+fn rows_that_were_cut_off_a_finished_run_are_missed() {
+    let cluster = two_seeds();
+    for role in ["world", "agent-1"] {
+        let path = cluster.path("runs/seed-2").join(role).join("metrics.jsonl");
+        let whole = fs::read_to_string(&path).expect("it is there");
+        let cut = whole[..whole.len() - 1].rfind('\n').expect("there are rows") + 1;
+        fs::write(&path, &whole[..cut]).expect("written");
+        let missing = format!("`{}` has ", path.display());
+        let digest = run(&cluster, &["digest", "@runs/seed-2"]);
+        assert!(digest.stdout.starts_with("digest    none, this is a part of a run\n"), "{digest:#?}");
+        digest.fails_with(75, &["error: this is not the digest of the run: ", &missing, "copy it again"]);
+        let metric = if role == "world" { "return_mean" } else { "agent-1/entropy" };
+        for words in [&["plot", "@runs", "--out", "@p.svg"][..], &["compare", "@runs"]] {
+            let read = run(&cluster, &[words, &["--metric", metric]].concat());
+            assert_eq!(read.code, Some(0), "{read:#?}");
+            assert_eq!(read.stderr.matches("left out: ").count(), 1, "{read:#?}");
+            assert!(read.stderr.contains(&missing), "{read:#?}");
+        }
+        fs::write(&path, &whole).expect("written");
+    }
+    let digest = run(&cluster, &["digest", "@runs/seed-2"]);
+    assert_eq!((digest.code, digest.stderr.as_str()), (Some(0), ""));
+}

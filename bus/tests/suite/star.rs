@@ -205,8 +205,13 @@ fn a_folder_that_does_not_exist_is_said() {
     let folder = tempfile::tempdir().unwrap();
     let endpoint = format!("unixsock-stream/{}", folder.path().join("missing/bus.sock").display());
     let error = try_open(&Options { listen: vec![endpoint.clone()], ..Options::default() }).err().unwrap();
-    let reason = "No such file or directory (os error 2)".into();
-    assert_eq!(error, Error::Listen { endpoint, reason });
+    match &error {
+        Error::Listen { endpoint: named, reason, .. } => {
+            assert_eq!((named, reason.as_str()), (&endpoint, "No such file or directory (os error 2)"));
+        }
+        other => panic!("{other}"),
+    }
+    assert!(error.to_string().contains("`--transport tcp`"), "{error}");
 }
 
 #[test]

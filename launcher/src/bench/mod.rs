@@ -227,7 +227,7 @@ impl Bench {
         for seed in 1..=WARM_UP + u64::from(self.runs) {
             let experiment = Experiment { seed, ..experiment.clone() };
             let (place, one_core_each) = match place {
-                Where::Processes => (Place::Processes(Transport::Unix), false),
+                Where::Processes => (Place::Processes(Some(Transport::Unix)), false),
                 Where::InProcess => (Place::InProcess, false),
                 Where::PairInProcess => (Place::InProcess, true),
             };

@@ -220,6 +220,41 @@ mod tests {
     }
 
     #[test]
+    fn a_join_that_is_cut_off_anywhere_says_what_came_and_what_was_expected() {
+        let join = Join { config_digest: [7; 32], nonce: u64::MAX, checkpoints: vec![0, 250, 70_000] };
+        let bytes = encode(&join).unwrap();
+        for found in 2..bytes.len() {
+            let error = decode::<Join>(&bytes[..found]).unwrap_err();
+            let WireError::CutOff { name: "Join", expected, .. } = error else { panic!("{error:?}") };
+            assert!((found + 1..=bytes.len()).contains(&expected), "{found} of {}: {expected}", bytes.len());
+            let text = format!("Join message of {found} bytes is cut off: expected at least {expected}");
+            assert_eq!(error.to_string(), text);
+        }
+        assert_eq!(
+            decode::<Join>(&[]).unwrap_err().to_string(),
+            "Join message of 0 bytes: expected at least 2"
+        );
+    }
+
+    #[test]
+    fn a_welcome_that_is_no_welcome_is_refused_in_words() {
+        let mut bytes = encode(&Welcome::Refused(Refusal::malformed("é"))).unwrap();
+        let text = |bytes: &[u8]| decode::<Welcome>(bytes).unwrap_err().to_string();
+        let last = bytes.len() - 1;
+        bytes[last] = 0xff;
+        assert!(text(&bytes)
+            .starts_with(&format!("Welcome message of {} bytes: a text in it is not UTF-8: ", last + 1)));
+        bytes[2] = 9;
+        assert!(text(&bytes).contains("integer `9`, expected variant index"), "{}", text(&bytes));
+        bytes[2] = 255;
+        assert!(
+            text(&bytes).ends_with(": a number in it has more bytes than expected there"),
+            "{}",
+            text(&bytes)
+        );
+    }
+
+    #[test]
     fn checkpoints_out_of_order_are_refused() {
         for checkpoints in [vec![2, 1], vec![5, 5]] {
             let join = Join { config_digest: [7; 32], nonce: 1, checkpoints };
