@@ -22,7 +22,7 @@ pub fn by_reward(id: u32, update_call: u64, reward: f32, (copy, step): (usize, u
 fn failure(id: u32, update_call: u64, what: &str, hint: &str) -> Failure {
     let text = format!(
         "agent {id} diverged in update call {update_call}: {what}; nothing of this update call is saved, the last \
-         checkpoint stays\nhint: resuming comes to the same numbers; {hint}"
+         checkpoint stays\nhint: resuming computes the same numbers; {hint}"
     );
     Failure::new(exit::CONFIG, text)
 }

@@ -19,7 +19,7 @@
 //! - What a side sends after [`open`] has returned reaches every side that it dialled. In the other
 //!   direction: subscribe first, then query or announce. A side that receives the query or the token has
 //!   already received the subscription.
-//! - A publication that nobody subscribes to is dropped where it was sent.
+//! - A publication without a subscriber is dropped where it was sent.
 //!
 //! # Threads
 //!
@@ -27,7 +27,7 @@
 //! shared runtime ([`use_one_runtime`]) the thread that polls a socket also reads it: half the context
 //! switches and up to twice the round trips a second. The price: nothing may ever block that runtime. A
 //! publication from inside a callback does so when the queue is full (measured: the session is closed and
-//! data lost, while every send says that it succeeded). Therefore callbacks here only push an [`Event`]
+//! data lost, while every send reports success). Therefore callbacks here only push an [`Event`]
 //! into the inbox, and everything else happens on the caller's own threads. The inbox is unbounded: a role
 //! keeps reading it.
 //!

@@ -34,9 +34,9 @@ from messages import Observe, WireError, act, join, metrics, progress, rates, ra
 
 DONE, USAGE, IO, AGAIN, CONFIG = 0, 64, 74, 75, 78
 TRAIN, TEST, FINISHED, STOPPED = range(4)
-# Seconds: between two questions; between two that nobody could answer; before a lost env-server is given up.
+# Seconds: between two queries; between two without a server; before a lost env-server is given up.
 ASK_AGAIN, PAUSE, GRACE = 5, 0.05, 5
-KEEP = 2  # checkpoints, because the newest may not be held by everybody
+KEEP = 2  # checkpoints, because other processes may not have the newest
 
 
 class Leave(Exception):
@@ -311,7 +311,7 @@ class Agent:
         def world(sample):
             self.inbox.put(("world", sample.kind == zenoh.SampleKind.PUT))
 
-        # The token comes last: who sees it knows that the subscriptions are there.
+        # The token comes last: a process that sees it can rely on the subscriptions.
         self.declared = [
             self.session.declare_subscriber(self.key("schedule"), hand_over("rates")),
             self.session.declare_subscriber(self.key(f"world/{self.id}/observe"), hand_over("tick")),

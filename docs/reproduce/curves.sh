@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Trains the teams behind a section of docs/results.md, five seeds each, draws their curves, and compares with the
-# reference where there are curves of it in docs/reference-curves.
+# Trains the teams of a section of docs/results.md, five seeds each, draws their curves, and compares them with the
+# reference if docs/reference-curves has its curves.
 #
 #   docs/reproduce/curves.sh SECTION [FOLDER]      FOLDER, default runs/SECTION, must not exist yet
 #

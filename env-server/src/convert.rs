@@ -195,7 +195,7 @@ pub fn check_numbers(agent: usize, observe: &Observe) -> Result<(), Failure> {
     };
     let text = format!(
         "the world gives agent {agent} {what}, in copy {} at {}: expected a finite number that fits 32 bits\n\
-         hint: correct the world, then start a new run; the last checkpoint stays, but resuming comes to the same",
+         hint: correct the world, then start a new run; the last checkpoint stays, but resuming computes the same numbers",
         observe.copies[row],
         observe.id()
     );

@@ -1,4 +1,4 @@
-//! What a person sees while a run goes on: one live display on a terminal, plain lines elsewhere.
+//! The output during a run: a live display on a terminal, plain lines elsewhere.
 
 use std::time::{Duration, Instant};
 

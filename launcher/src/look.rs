@@ -68,7 +68,7 @@ fn agents(folder: &RunFolder) -> Result<usize, Failure> {
     let agents = table.as_ref().and_then(|table| table.get("world")?.get("agents")?.as_integer());
     agents.and_then(|agents| usize::try_from(agents).ok()).filter(|&agents| agents > 0).ok_or_else(|| {
         let text = format!(
-            "{}/config.toml does not say how many agents the run has (`world.agents`)\nhint: it is damaged or half \
+            "{}/config.toml does not have the number of agents (`world.agents`)\nhint: it is damaged or half \
              copied, copy it again",
             folder.path().display()
         );
@@ -105,7 +105,7 @@ impl Plot {
         let differences = monitor::meaning::differences(curves.iter());
         if !differences.is_empty() {
             let list: Vec<String> = differences.iter().map(ToString::to_string).collect();
-            eprintln!("warning: the numbers do not mean the same in all runs: {}", list.join(", "));
+            eprintln!("warning: the numbers of these runs do not have the same meaning: {}", list.join(", "));
         }
         let groups = monitor::group(curves);
         let defaults = PlotOptions::default();
@@ -127,17 +127,17 @@ fn load(paths: &[PathBuf], metric: &str) -> Result<Vec<monitor::Curve>, Failure>
     if curves.is_empty() && !left_out.is_empty() {
         // The first one is the returned error, so each cause is reported once.
         let first = left_out.remove(0);
-        left_out.iter().for_each(|error| eprintln!("left out: {error}"));
+        left_out.iter().for_each(|error| eprintln!("skipped: {error}"));
         return Err(unusable(first));
     }
-    left_out.iter().for_each(|error| eprintln!("left out: {error}"));
+    left_out.iter().for_each(|error| eprintln!("skipped: {error}"));
     let role = metric.split_once('/').map_or("world", |(role, _)| role);
     for curve in curves.iter().filter(|curve| curve.source.is_dir()) {
         // What can be read is drawn; only what is known to be missing is named.
         if let Err(error @ store::Error::MissingRows { .. }) =
             RunFolder::open(&curve.source).and_then(|run| run.check_rows(role))
         {
-            eprintln!("left out: {error}");
+            eprintln!("skipped: {error}");
         }
     }
     Ok(curves)

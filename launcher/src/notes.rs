@@ -38,15 +38,13 @@ fn rule_brought(experiment: &Experiment, config: &Config) -> Option<String> {
     let what = match rule {
         EndOfBatch::Correct | EndOfBatch::NoBootstrap => return None,
         EndOfBatch::Epymarl => {
-            "the reference's rule, which expects further rewards after an episode is over: foraging teams unlearn by it"
+            "the reference's rule, which expects further rewards after an episode has ended: foraging teams unlearn by it"
         }
         EndOfBatch::Benchmark2021 => {
-            "the rule of 2021, which takes a value in place of the last reward of a batch's longest episodes"
+            "the rule of 2021, which uses a value in place of the last reward of a batch's longest episodes"
         }
     };
-    Some(format!(
-        "`{by}` brings ppo.end_of_batch = {rule}, {what}; the default is ppo.end_of_batch = correct"
-    ))
+    Some(format!("`{by}` sets ppo.end_of_batch = {rule}, {what}; the default is ppo.end_of_batch = correct"))
 }
 
 /// A note if the opponent of a run is not the one of the published tables. None without an opponent, or if its weights
@@ -62,7 +60,7 @@ fn opponent_in(task: &str, opponent: &str) -> Option<String> {
     (ours && envs::task(task).is_ok_and(has_one)).then(|| {
         format!(
             "the opponent in {task} is Rondo's own ({opponent}), not the reference's, which is not included: returns \
-             do not compare with the paper's tables; `--opponent FILE` takes the reference's weights \
+             do not compare with the paper's tables; `--opponent FILE` loads the reference's weights \
              (envs/opponents/README.md)"
         )
     })
@@ -90,8 +88,8 @@ mod tests {
     fn a_rule_that_the_profile_or_the_paper_brings_is_named() {
         let epymarl = |by: &str| {
             Some(format!(
-                "`{by}` brings ppo.end_of_batch = epymarl, the reference's rule, which expects further rewards after \
-                 an episode is over: foraging teams unlearn by it; the default is ppo.end_of_batch = correct"
+                "`{by}` sets ppo.end_of_batch = epymarl, the reference's rule, which expects further rewards after \
+                 an episode has ended: foraging teams unlearn by it; the default is ppo.end_of_batch = correct"
             ))
         };
         let rule = |algo: &str, paper: bool, profile: Option<&str>, set: &[&str]| {
@@ -107,7 +105,7 @@ mod tests {
         assert_eq!(rule("ippo", true, Some("epymarl"), &["algo.hidden=8"]), epymarl("--profile epymarl"));
         let of_2021 = rule("sppo", false, Some("benchmark2021"), &[]).unwrap();
         assert!(
-            of_2021.starts_with("`--profile benchmark2021` brings ppo.end_of_batch = benchmark2021, "),
+            of_2021.starts_with("`--profile benchmark2021` sets ppo.end_of_batch = benchmark2021, "),
             "{of_2021}"
         );
         // The rule is the default, or the user sets it, or the learner does not have it.
@@ -133,7 +131,7 @@ mod tests {
             let [_, note] = notes(task, "mtppo", |e| e.paper = true);
             let expected = format!(
                 "the opponent in {canonical} is Rondo's own (builtin), not the reference's, which is not included: \
-                 returns do not compare with the paper's tables; `--opponent FILE` takes the reference's weights \
+                 returns do not compare with the paper's tables; `--opponent FILE` loads the reference's weights \
                  (envs/opponents/README.md)"
             );
             assert_eq!(note, Some(expected));

@@ -57,7 +57,7 @@ impl TrainOpponent {
         let role = role.ok_or_else(|| unknown(&self.role, "role", &names))?;
         if self.out.exists() {
             let out = self.out.display();
-            return Err(Failure::new(exit::USAGE, format!("{out} is there already; name a new file")));
+            return Err(Failure::new(exit::USAGE, format!("{out} already exists; name a new file")));
         }
         // Checked now and not after minutes.
         if !folder(&self.out).is_dir() {

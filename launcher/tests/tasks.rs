@@ -38,7 +38,7 @@ fn an_unknown_task_and_another_kind_of_picture_are_refused_in_one_line() {
         (
             &["lbf-5x5-2p-1f", "--out", "start.pdf"],
             64,
-            "error: cannot tell the kind of picture from start.pdf; end the name in .svg or .png",
+            "error: unknown picture format in start.pdf; end the name in .svg or .png",
         ),
     ] {
         let output = tasks(words);

@@ -122,13 +122,13 @@ impl fmt::Display for Comparison {
         if !self.differences.is_empty() {
             writeln!(
                 f,
-                "warning: the numbers do not mean the same in all runs: {}",
+                "warning: the numbers of these runs do not have the same meaning: {}",
                 list(&self.differences)
             )?;
         }
         for (side, mixture) in ["ours", "reference"].into_iter().zip(&self.mixtures) {
             if !mixture.is_empty() {
-                writeln!(f, "warning: {side} puts unlike runs together: {}", list(mixture))?;
+                writeln!(f, "warning: {side} mixes different experiments:  {}", list(mixture))?;
             }
         }
         writeln!(f, "ours:      {}", self.our_label)?;
@@ -146,7 +146,7 @@ impl fmt::Display for Comparison {
         }
         writeln!(f)?;
         if self.differences.iter().any(Difference::is_of_scale) {
-            return write!(f, "verdict: none, the numbers do not mean the same (see the first line)");
+            return write!(f, "verdict: none, the numbers do not have the same meaning (see the first line)");
         }
         let Some(overall) = &self.overall else {
             return write!(
@@ -246,21 +246,22 @@ mod tests {
             curve
         };
         let text = compare(&[with("world.reward", "sum")], &[with("world.reward", "mean")]).to_string();
-        let first = "warning: the numbers do not mean the same in all runs: world.reward (mean | sum)\n";
+        let first =
+            "warning: the numbers of these runs do not have the same meaning: world.reward (mean | sum)\n";
         assert!(text.starts_with(first), "{text}");
         assert!(
-            text.ends_with("verdict: none, the numbers do not mean the same (see the first line)"),
+            text.ends_with("verdict: none, the numbers do not have the same meaning (see the first line)"),
             "{text}"
         );
         let text = compare(&[with("world.pad", "true")], &[with("world.pad", "false")]).to_string();
         assert!(
-            text.starts_with("warning: the numbers do not mean the same in all runs: world.pad"),
+            text.starts_with("warning: the numbers of these runs do not have the same meaning: world.pad"),
             "{text}"
         );
         assert!(text.contains("verdict: keeps up with"), "{text}");
         let mixed = [with("algo.hidden", "64"), with("algo.hidden", "128")];
         let text = compare(&mixed, &reference()).to_string();
-        let first = "warning: ours puts unlike runs together: algo.hidden (128 | 64)\n";
+        let first = "warning: ours mixes different experiments:  algo.hidden (128 | 64)\n";
         assert!(text.starts_with(first), "{text}");
     }
 

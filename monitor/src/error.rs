@@ -40,7 +40,7 @@ pub enum Error {
     )]
     RepeatedSeed { label: String, seed: u64, first: PathBuf, second: PathBuf },
 
-    #[error("cannot tell the kind of picture from {path}; end the name in .svg or .png", path = .path.display())]
+    #[error("unknown picture format in {path}; end the name in .svg or .png", path = .path.display())]
     Extension { path: PathBuf },
 
     #[error("nothing to draw: {0}")]

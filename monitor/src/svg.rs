@@ -234,7 +234,7 @@ mod tests {
         assert_eq!(Format::of(Path::new("a/b.PNG")).unwrap(), Format::Png);
         assert_eq!(Format::of(Path::new("b.svg")).unwrap(), Format::Svg);
         let message = Format::of(Path::new("plots/b.pdf")).unwrap_err().to_string();
-        assert_eq!(message, "cannot tell the kind of picture from plots/b.pdf; end the name in .svg or .png");
+        assert_eq!(message, "unknown picture format in plots/b.pdf; end the name in .svg or .png");
         assert!(Format::of(Path::new("svg")).is_err());
     }
 

@@ -2,7 +2,7 @@
 //!
 //! The numbers are those of BSD's `sysexits.h`, which service managers and batch systems support.
 
-/// The run is complete, or was stopped on request with its state saved.
+/// The run or command is complete.
 pub const DONE: u8 = 0;
 
 /// The command line was wrong; trying again without changing it is useless.
@@ -15,9 +15,10 @@ pub const BUG: u8 = 70;
 /// that is needed; repair that, then resume.
 pub const IO: u8 = 74;
 
-/// Something outside was missing or went away, for instance a peer; starting the same command again resumes the run.
+/// The process was stopped, or something outside was missing or is gone, for instance a peer. The same command again
+/// continues the run.
 pub const AGAIN: u8 = 75;
 
-/// The configuration is wrong, or differs from that of the other processes, or a learner has diverged with it;
-/// trying again is useless, because it comes to the same.
+/// The configuration is wrong, or differs from that of the other processes, or a learner has diverged with it. Trying
+/// again is useless: the result is the same.
 pub const CONFIG: u8 = 78;

@@ -125,7 +125,7 @@ fn the_rules_for_the_end_of_a_batch_are_one_where_every_episode_has_full_length(
 
 #[test]
 fn a_command_that_brings_the_references_rule_says_so_once() {
-    let note = |by: &str| format!("note: `{by}` brings ppo.end_of_batch = epymarl, the reference's rule, ");
+    let note = |by: &str| format!("note: `{by}` sets ppo.end_of_batch = epymarl, the reference's rule, ");
     let config = |words: &[&str]| {
         let mut command = rondo();
         command.arg("config").args(words);

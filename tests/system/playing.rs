@@ -174,7 +174,7 @@ fn a_digest_of_a_part_of_a_run_says_what_is_missing() {
     let config = fs::read_to_string(run.join("config.toml")).expect("read");
     fs::write(run.join("config.toml"), &config[..20]).expect("written");
     let half =
-        "/config.toml does not say how many agents the run has (`world.agents`)\nhint: it is damaged or half";
+        "/config.toml does not have the number of agents (`world.agents`)\nhint: it is damaged or half";
     play(&cluster, "digest", &[]).wait().fails_with(78, &[half]);
     let toml = format!("error: {}/config.toml: the configuration cannot be read: ", run.display());
     play(&cluster, "eval", &[]).wait().fails_with(78, &[&toml]);

@@ -42,7 +42,7 @@ fn a_young_and_a_damaged_seed_do_not_keep_the_others_from_being_drawn_and_compar
 
     let plot = run(&cluster, &["plot", "@runs", "--out", "@curves.svg"]);
     assert_eq!(plot.code, Some(0), "{plot:#?}");
-    assert_eq!(plot.stderr.matches("left out: ").count(), 1, "{plot:#?}");
+    assert_eq!(plot.stderr.matches("skipped: ").count(), 1, "{plot:#?}");
     assert!(plot.stderr.contains("seed-3"), "{plot:#?}");
     assert!(fs::read_to_string(cluster.path("curves.svg")).expect("a picture").contains("(2 seeds)"));
     let scores = run(&cluster, &["compare", "@runs"]);

@@ -112,7 +112,7 @@ fn an_agent_goes_back_to_the_checkpoint_before_and_to_the_buffer_of_that_time() 
     assert_eq!(cluster.digest("run"), undisturbed());
 }
 
-/// All that a run counts on when it goes on (every start has an epoch of its own): its configuration, and each role's
+/// All that a resumed run needs, except its epoch, which is new at every start: its configuration, and each role's
 /// checkpoints, rows and experience.
 fn kept(run: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();

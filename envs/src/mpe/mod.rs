@@ -33,7 +33,7 @@ pub(crate) static FAMILY: Family = Family {
     name: "mpe",
     title: "Particle worlds",
     about: "Bodies push themselves about on a plane, for 25 steps. In Speaker-Listener one agent sees which of three \
-            landmarks is the goal and says one of three words, the other hears it a step later and has to go there. \
+            landmarks is the goal and sends one of three words, the other receives it a step later and has to go there. \
             In Adversary two agents know which of two landmarks is the goal; one of them should be there while the \
             opponent, who does not know it, is led away. In Tag three slow predators chase a fast prey, the opponent, \
             between two obstacles, and each is rewarded with 10 for every predator that touches it. Agents see the \

@@ -242,7 +242,7 @@ fn only_those_who_load_in_vain_pay_the_penalty() {
     let mut game = start_with(&["......", "a4B.1c", "...d.."], 99, 0.1);
     assert_eq!(game.play(&[LOAD, LOAD, LOAD, NONE]), End::Running);
     assert_eq!(game.rewards, [-0.1, -0.1, 0.2, 0.0]);
-    // What was eaten can no longer be loaded, not even in vain.
+    // An eaten food cannot be loaded, not even without success.
     game.play(&[NONE, LOAD, LOAD, NORTH]);
     assert_eq!(game.rewards, [0.0, -0.1, 0.0, 0.0]);
 }

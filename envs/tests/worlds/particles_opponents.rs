@@ -1,5 +1,5 @@
-//! The opponents of Tag and Adversary: who can play, how networks act under each version of the rules, and what
-//! is said about files that hold none. Where the reference's networks are at hand, ours give the same scores.
+//! The opponents of Tag and Adversary: which are accepted, how networks act under each version of the rules, and the
+//! errors for invalid files. If the reference's networks are available, ours give the same scores.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ use serde_json::Value;
 
 use crate::traces::text;
 
-/// A network for `inputs` numbers that goes along x, towards what `obs[0]` says is there.
+/// A network for `inputs` numbers that moves along x in the direction of `obs[0]`.
 fn follower(inputs: usize) -> Vec<u8> {
     let mut first = vec![0.0; 2 * inputs];
     (first[0], first[1]) = (1.0, -1.0);
@@ -91,7 +91,7 @@ fn a_still_opponent_never_pushes_and_a_random_one_does_everything_equally_often(
         // Contact acts on both alike; the difference is 0.4 along the axis of the action.
         let [x, y] = [pushed[0] - alone[0], pushed[1] - alone[1]].map(|push| (push / 0.4).round() as i32);
         let sides = [(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)];
-        // Only where contact makes it faster than its limit, the push cannot be told.
+        // Where contact makes it faster than its limit, its push cannot be computed from the speed.
         if let Some(action) = sides.iter().position(|side| *side == (x, y)) {
             counts[action] += 1;
         }

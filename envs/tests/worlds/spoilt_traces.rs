@@ -1,4 +1,4 @@
-//! Altered and damaged traces: every altered number is noticed, every damage is an error that says where.
+//! Altered and damaged traces: every altered number is noticed, every damage is an error that names the place.
 
 use envs::replay::ReplayError;
 use serde_json::Value;

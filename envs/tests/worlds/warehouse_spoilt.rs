@@ -1,4 +1,4 @@
-//! Altered and damaged warehouse traces: what is altered is noticed, what is damaged is an error that says where.
+//! Altered and damaged warehouse traces: every alteration is noticed, every damage is an error that names the place.
 
 use serde_json::Value;
 

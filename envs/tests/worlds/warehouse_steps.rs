@@ -265,7 +265,7 @@ fn who_arrives_at_a_goal_with_a_requested_shelf_is_paid_once_and_keeps_it() {
     assert_eq!((&state.request_queue[..], state.robots[0].carrying), (&[31, 17][..], Some(32)));
     game.play(&[NOOP, NOOP]);
     assert_eq!(game.rewards, [0.0, 0.0]);
-    // When it is requested again it counts again, without anybody acting.
+    // When it is requested again it counts again, without an action.
     game.set(|state| state.request_queue = vec![32, 17]);
     game.play_drawing(&[NOOP, NOOP], vec![word(29, 30)]);
     assert_eq!(game.rewards, [1.0, 0.0]);
@@ -336,7 +336,7 @@ fn a_robot_sees_itself_and_the_square_around_it() {
     let (me, other) = ([1., 0., 1., 0., 0., 1., 0.], [1., 0., 0., 1., 0., 0., 0.]);
     let around = [empty, empty, empty, requested, me, empty, shelf, requested, other].concat();
     assert_eq!(sees(&game, 0), [&[2., 1., 1., 0., 1., 0., 0., 0.][..], &around].concat());
-    // Outside of the grid all looks empty; a highway is told.
+    // Cells outside of the grid look empty; the last number marks a highway.
     let mut game = start(&[(0, 0, Right), (9, 10, Up)]);
     let me = [1., 0., 0., 0., 1., 0., 0.];
     let around = [empty, empty, empty, empty, me, empty, empty, empty, shelf].concat();
