@@ -78,6 +78,8 @@ fn numbers_that_cannot_be_are_refused_with_what_was_expected() {
         refused(&words).fails_with(78, parts);
     }
     refused(&["train", "--t-max=many"]).fails_with(64, &["'many'", "--t-max <N>"]);
+    refused(&["train", "--seeds=2", "--set=seed=3"])
+        .fails_with(64, &["`--set seed` with `--seeds`: each seed is another one; `--seed` says the first"]);
     refused(&["train", "--seeds=0"]).fails_with(64, &["`--seeds` and `--jobs` must be at least 1"]);
 }
 
@@ -168,6 +170,44 @@ fn a_configuration_with_an_unknown_key_names_line_and_nearest_key() {
         ],
     );
     assert!(!hosts.folder("world").exists());
+}
+
+#[test]
+fn a_configuration_that_does_not_fit_its_world_or_transport_is_refused_by_the_env_server_too() {
+    let hosts = Hosts::new(short());
+    let path = hosts.cluster.path("config.toml");
+    let text = fs::read_to_string(&path).expect("it was written");
+    let start = |changes: &[(&str, &str)]| {
+        let changed = changes.iter().fold(text.clone(), |text, (from, to)| {
+            assert!(text.contains(from), "`{from}` is missing in {text}");
+            text.replace(from, to)
+        });
+        fs::write(&path, changed).expect("written");
+        let ended = hosts.start_env_server(&[]).wait();
+        fs::remove_dir_all(hosts.folder("world")).expect("removed");
+        ended
+    };
+    start(&[("agents = 2", "agents = 3"), ("levels = [0, 1]", "levels = [0, 1, 1]")])
+        .fails_with(78, &["error: `world.agents` is 3, but lbf-5x5-2p-1f has 2"]);
+    start(&[("copies = 10", "copies = 1000")]).fails_with(
+        78,
+        &["error: `bus.low_latency` is true, but that transport carries 32768 bytes a message", "49040"],
+    );
+}
+
+#[test]
+fn a_transport_that_cannot_carry_a_run_is_no_change_that_it_can_go_on_with() {
+    let cluster = Cluster::new();
+    let mut config = rondo();
+    config.args(["config", "--envs=1000", "--run=run"]);
+    let text = Process::start(config).succeeds().stdout;
+    fs::create_dir(cluster.path("run")).expect("created");
+    fs::write(cluster.path("run/config.toml"), &text).expect("written");
+    cluster.resume_with("run", ["--set=bus.low_latency=true"]).wait().fails_with(
+        78,
+        &["error: `bus.low_latency` is true, but that transport carries 32768 bytes a message"],
+    );
+    assert_eq!(fs::read_to_string(cluster.path("run/config.toml")).expect("it is there"), text);
 }
 
 #[test]

@@ -1,10 +1,11 @@
 //! Roles that die: the run ends with a message that names them, and no process is left.
 
+use std::fs;
 use std::time::{Duration, Instant};
 
 use nix::sys::signal::Signal;
 
-use crate::cluster::{experiment, short, undisturbed, wait_until, Cluster, Ended, Member, Process};
+use crate::cluster::{experiment, rondo, short, undisturbed, wait_until, Cluster, Ended, Member, Process};
 
 const NOTHING: [&str; 0] = [];
 
@@ -143,10 +144,14 @@ fn a_role_that_hangs_does_not_outlive_a_killed_launcher_either() {
 #[test]
 fn a_role_that_cannot_start_ends_the_run_at_once() {
     let cluster = Cluster::new();
+    let mut config = rondo();
+    config.arg("config").args(short());
+    // A folder in the place of its log: only the role itself finds that.
+    let log = cluster.path("run/world/log.jsonl");
+    fs::create_dir_all(&log).expect("created");
+    fs::write(cluster.path("run/config.toml"), Process::start(config).succeeds().stdout).expect("written");
     let before = Instant::now();
-    // Fits the schedule, but not the world.
-    let team = ["--set=world.agents=3", "--set=schedule.levels=[0,1,1]"];
-    let ended = cluster.train("run", short(), team).wait();
-    ended.fails_with(78, &["error: world: `world.agents` is 3, but lbf-5x5-2p-1f has 2"]);
+    let says = format!("error: world: could not open `{}`: Is a directory", log.display());
+    cluster.resume("run").wait().fails_with(74, &[&says]);
     assert!(before.elapsed() < Duration::from_secs(20), "{:?}", before.elapsed());
 }
