@@ -227,7 +227,7 @@ mod tests {
             (30, "copy the run to where it can be written"),
             (36, "choose a shorter name"),
             (40, "links lead in a circle"),
-            (122, "free some and `rondo resume`"),
+            (122, "free disk space, then run `rondo resume`"),
         ] {
             let error =
                 Error::io("create the folder", Path::new("runs/a"))(io::Error::from_raw_os_error(errno));

@@ -81,7 +81,7 @@ fn rows_that_were_cut_off_a_finished_run_are_missed() {
         for words in [&["plot", "@runs", "--out", "@p.svg"][..], &["compare", "@runs"]] {
             let read = run(&cluster, &[words, &["--metric", metric]].concat());
             assert_eq!(read.code, Some(0), "{read:#?}");
-            assert_eq!(read.stderr.matches("left out: ").count(), 1, "{read:#?}");
+            assert_eq!(read.stderr.matches("skipped: ").count(), 1, "{read:#?}");
             assert!(read.stderr.contains(&missing), "{read:#?}");
         }
         fs::write(&path, &whole).expect("written");
