@@ -34,7 +34,7 @@ pub struct Arguments {
 pub fn main(arguments: &Arguments) -> ExitCode {
     let attempt = || run(arguments.common.open("coordinator", arguments.listen.clone(), vec![])?);
     match attempt() {
-        Ok(Left::Team) => ExitCode::from(exit::DONE),
+        Ok(Left::Finished) => ExitCode::from(exit::DONE),
         Ok(Left::Stopped) => ExitCode::from(exit::AGAIN),
         Err(failure) => process::report(&failure),
     }
@@ -43,9 +43,9 @@ pub fn main(arguments: &Arguments) -> ExitCode {
 /// Why the coordinator left without an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Left {
-    /// All agents have left.
-    Team,
-    /// It was stopped while agents were present; start it again.
+    /// All agents have left a finished run.
+    Finished,
+    /// It was stopped, or agents have left a run that is not finished; start it again.
     Stopped,
 }
 
@@ -55,6 +55,9 @@ struct Report {
     role: &'static str,
     traffic: Vec<(String, u64, u64)>,
 }
+
+/// How long the last reports of agents may come after their tokens are gone.
+const GRACE: Duration = Duration::from_secs(1);
 
 /// Publishes the learning rates of a run until all agents have joined and left, or until [`Event::Stop`].
 ///
@@ -73,16 +76,24 @@ pub fn run(role: Role) -> Result<Left, Failure> {
     // Highest update call reached, and the first that is not yet published.
     let (mut foremost, mut published) = (0, 0);
     let deadline = Instant::now() + wait;
-    let mut left = Left::Team;
-    while !team.has_left() {
-        let event = if team.missing().is_empty() {
-            events.recv().map_err(|_| RecvTimeoutError::Disconnected)
-        } else {
-            events.recv_timeout(deadline.saturating_duration_since(Instant::now()))
+    let mut left = Left::Finished;
+    // Set while all agents are gone and not all of them have reported a finished run.
+    let mut gone: Option<Instant> = None;
+    loop {
+        gone = team.has_left().then(|| gone.unwrap_or_else(|| Instant::now() + GRACE));
+        if gone.is_some() && team.has_finished() {
+            break;
+        }
+        let event = match gone.or((!team.missing().is_empty()).then_some(deadline)) {
+            Some(until) => events.recv_timeout(until.saturating_duration_since(Instant::now())),
+            None => events.recv().map_err(|_| RecvTimeoutError::Disconnected),
         };
         let reached = match event {
             Ok(Event::Message { key, payload }) => match (keys.parse(&key), decode::<Progress>(&payload)) {
-                (Some(Key::Progress(_)), Ok(progress)) => Some(progress.update_calls),
+                (Some(Key::Progress(agent)), Ok(progress)) => {
+                    team.reports(agent, progress.finished);
+                    Some(progress.update_calls)
+                }
                 (_, Ok(_)) => {
                     ignored.add(format_args!("progress on `{key}`, which is no agent's key for it"));
                     None
@@ -124,6 +135,11 @@ pub fn run(role: Role) -> Result<Left, Failure> {
                 left = Left::Stopped;
                 break;
             }
+            Err(RecvTimeoutError::Timeout) if gone.is_some() => {
+                tracing::info!("all agents have left, and the run is not finished");
+                left = Left::Stopped;
+                break;
+            }
             Err(RecvTimeoutError::Timeout) => return Err(team.did_not_come(wait, &config.run)),
             Err(RecvTimeoutError::Disconnected) => break,
         };
@@ -150,15 +166,17 @@ fn message(config: &Config, update_call: u64) -> Result<(u64, Vec<u8>), WireErro
     Ok((rates.until, encode(&rates)?))
 }
 
-/// The agents that have joined, and those that are present.
+/// The agents that have joined, those that are present, and those that have reported a finished run.
 struct Team {
     came: Vec<bool>,
     present: Vec<bool>,
+    finished: Vec<bool>,
 }
 
 impl Team {
     fn new(agents: u32) -> Self {
-        Self { came: vec![false; agents as usize], present: vec![false; agents as usize] }
+        let none = vec![false; agents as usize];
+        Self { came: none.clone(), present: none.clone(), finished: none }
     }
 
     fn seat(&self, key: &Key) -> Option<usize> {
@@ -181,6 +199,16 @@ impl Team {
         if let Some(seat) = self.seat(key) {
             self.present[seat] = false;
         }
+    }
+
+    fn reports(&mut self, agent: u32, finished: bool) {
+        if let Some(of_agent) = self.finished.get_mut(agent as usize) {
+            *of_agent = finished;
+        }
+    }
+
+    fn has_finished(&self) -> bool {
+        !self.finished.contains(&false)
     }
 
     fn missing(&self) -> Vec<usize> {

@@ -345,6 +345,8 @@ class Agent:
             self.ignored += 1
         elif tick.mode in (FINISHED, STOPPED):
             self.reply(tick, [])
+            if tick.mode == FINISHED:
+                self.to_coordinator.put(progress(self.state["update_calls"], finished=True))
             raise Leave(DONE if tick.mode == FINISHED else AGAIN)
         elif self.is_next(tick):
             self.play(tick)

@@ -116,8 +116,8 @@ def rates_query(update_call):
     return bytes([WIRE_VERSION, RATES_QUERY]) + varint(update_call)
 
 
-def progress(update_calls):
-    return bytes([WIRE_VERSION, PROGRESS]) + varint(update_calls)
+def progress(update_calls, finished=False):
+    return bytes([WIRE_VERSION, PROGRESS]) + varint(update_calls) + bytes([finished])
 
 
 def metrics(t_env, update_calls, scalars):

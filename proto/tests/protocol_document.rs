@@ -96,7 +96,7 @@ fn examples() -> BTreeMap<&'static str, Vec<u8>> {
             }),
         ),
         ("rates-query", both_ways(&RatesQuery { update_call: 300 })),
-        ("progress", both_ways(&Progress { update_calls: 301 })),
+        ("progress", both_ways(&Progress { update_calls: 301, finished: false })),
         (
             "metrics",
             both_ways(&Metrics {

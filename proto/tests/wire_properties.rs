@@ -30,7 +30,9 @@ fn kinds() -> Vec<Kind> {
         control_kind(welcome()),
         control_kind(rates()),
         control_kind(any::<u64>().prop_map(|update_call| RatesQuery { update_call })),
-        control_kind(any::<u64>().prop_map(|update_calls| Progress { update_calls })),
+        control_kind(
+            any::<(u64, bool)>().prop_map(|(update_calls, finished)| Progress { update_calls, finished }),
+        ),
         control_kind(metrics()),
     ]
 }

@@ -347,7 +347,7 @@ fn an_agent_that_leaves_is_named_by_the_env_server() {
     );
     // The other agent received the closing tick, saved and left.
     assert_eq!(stays.wait().code, Some(75));
-    coordinator.succeeds();
+    assert_eq!(coordinator.wait().code, Some(75));
 
     // All processes, started again, continue from their common round.
     let servers = [hosts.start_env_server(&[]), hosts.start_coordinator(&[])];

@@ -160,8 +160,7 @@ fn an_env_server_that_is_asked_to_stop_sends_everybody_home_to_go_on_later() {
         let ended = process.wait();
         assert_eq!((ended.code, ended.stderr.as_str()), (Some(75), ""), "stopping is no error");
     }
-    // The coordinator has no state to resume.
-    coordinator.succeeds();
+    assert_eq!(coordinator.wait().code, Some(75), "the run can be resumed");
 
     let servers = [hosts.start_env_server(&[]), hosts.start_coordinator(&[])];
     let agents = [hosts.start_agent(0, &[]), hosts.start_agent(1, &[])];
@@ -198,7 +197,7 @@ fn an_agent_with_another_folder_is_refused_and_nobody_loses_a_checkpoint() {
     for process in agents.into_iter().chain([world]) {
         assert_eq!(process.wait().code, Some(75));
     }
-    coordinator.succeeds();
+    assert_eq!(coordinator.wait().code, Some(75));
 
     // As with a mistyped `--out`: agent 1 has an empty folder.
     let right = hosts.folder("agent-1").with_file_name("right");

@@ -65,10 +65,12 @@ impl Team {
         names.filter(|entry| entry.file_name().to_string_lossy().starts_with("round-")).count()
     }
 
-    /// The ends of env-server, agent in Rust and agent in Python. The coordinator always ends with 0.
+    /// The ends of env-server, agent in Rust and agent in Python. The coordinator ends with 0 in a finished run, else
+    /// with 75.
     fn ends(self) -> (Hosts, [Ended; 3]) {
         let ends = [self.python, self.rust, self.world].map(Process::wait);
-        self.coordinator.succeeds();
+        let finished = ends.iter().all(|ended| ended.code == Some(0));
+        assert_eq!(self.coordinator.wait().code, Some(if finished { 0 } else { 75 }));
         (self.hosts, ends)
     }
 

@@ -47,7 +47,7 @@ fn nearly(seed: u64) -> Vec<Vec<u8>> {
     let mut act = Vec::new();
     let id = seed % 100;
     proto::Act { round: id, tick: 0, actions: vec![u16::MAX; 10], ..proto::Act::default() }.encode(&mut act);
-    let progress = encode(&Progress { update_calls: seed << 40 | seed }).expect("it fits");
+    let progress = encode(&Progress { update_calls: seed << 40 | seed, finished: true }).expect("it fits");
     let mut other_version = act.clone();
     other_version[0] = WIRE_VERSION + 1;
     let mut other_tag = act.clone();

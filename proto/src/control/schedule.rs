@@ -105,21 +105,24 @@ impl Message for RatesQuery {
     const MAX_BYTES: usize = 11;
 }
 
-/// An agent reports its update calls, so that the coordinator can publish ahead.
+/// An agent reports its update calls, so that the coordinator can publish ahead, and that its run is finished, so that
+/// the coordinator knows how it ended.
 ///
 /// - key: `agent/{i}/progress`
-/// - from agent i to the coordinator, after every update call
+/// - from agent i to the coordinator, after every update call, and before it leaves a finished run
 /// - if lost: the next one replaces it; at worst the agent queries its rates
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Progress {
     /// Update calls that this agent has completed.
     pub update_calls: u64,
+    /// The run has used its budget, and this agent is about to leave.
+    pub finished: bool,
 }
 
 impl Message for Progress {
     const TAG: u8 = 7;
     const NAME: &'static str = "Progress";
-    const MAX_BYTES: usize = 11;
+    const MAX_BYTES: usize = 12;
 }
 
 #[cfg(test)]
@@ -152,7 +155,7 @@ mod tests {
         for value in [0, 250, 251, 65_535, 65_536, u64::MAX] {
             let query = RatesQuery { update_call: value };
             assert_eq!(decode(&encode(&query).unwrap()), Ok(query));
-            let progress = Progress { update_calls: value };
+            let progress = Progress { update_calls: value, finished: false };
             assert_eq!(decode(&encode(&progress).unwrap()), Ok(progress));
         }
         assert_eq!(decode(&encode(&rates()).unwrap()), Ok(rates()));
