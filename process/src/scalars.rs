@@ -9,7 +9,7 @@ use proto::control::Metrics;
 /// Shortest time between two messages; a display needs no more.
 const BETWEEN_SCALARS: Duration = Duration::from_millis(100);
 
-/// Publishes a role's scalars, best effort, at most one message per [`BETWEEN_SCALARS`].
+/// Publishes a role's scalars, best effort, at most one message per `BETWEEN_SCALARS`.
 pub struct Scalars {
     publisher: Publisher,
     next: Instant,

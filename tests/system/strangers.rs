@@ -171,7 +171,7 @@ fn peers_of_another_version_or_configuration_are_refused_with_the_reason() {
     assert_eq!(
         refusal.to_string(),
         format!(
-            "this agent speaks wire version 9, the env-server {WIRE_VERSION}; \
+            "this agent has wire version 9, the env-server {WIRE_VERSION}; \
              install the same version of rondo on every host"
         )
     );
