@@ -118,6 +118,13 @@ struct Round {
     rng: Option<ChaCha8Rng>,
 }
 
+/// Publishes the number of completed update calls, and whether the run is finished.
+fn report(publisher: &mut Publisher, update_calls: u64, finished: bool) -> Result<(), Failure> {
+    let encoded =
+        encode(&Progress { update_calls, finished }).map_err(|error| Failure::new(exit::BUG, error))?;
+    Ok(publisher.send(&encoded)?)
+}
+
 impl<'a> Agent<'a> {
     fn start(
         role: &'a Role,
@@ -212,7 +219,7 @@ impl<'a> Agent<'a> {
         };
         self.save()?;
         if left == Left::Finished {
-            self.report(true)?;
+            report(&mut self.progress, self.learner.update_calls(), true)?;
         }
         self.role.folder.write_result(&Report {
             role: "agent",
@@ -347,13 +354,6 @@ impl<'a> Agent<'a> {
         Ok(())
     }
 
-    /// Publishes the number of update calls, and whether the run is finished.
-    fn report(&mut self, finished: bool) -> Result<(), Failure> {
-        let progress = Progress { update_calls: self.learner.update_calls(), finished };
-        let encoded = encode(&progress).map_err(|error| Failure::new(exit::BUG, error))?;
-        Ok(self.progress.send(&encoded)?)
-    }
-
     fn lesson(&mut self, lesson: usize, t_env_before: u64, t_env: u64) -> Result<(), Failure> {
         // `None` in a lesson without an update call.
         let rates = self.timetable.covering(self.learner.update_calls());
@@ -364,7 +364,7 @@ impl<'a> Agent<'a> {
         let learned = timed(&mut self.seconds.update, || self.learner.learn(lesson, t_env_before, lr))?;
         let (Some(scalars), Some(rates)) = (learned, rates) else { return Ok(()) };
         let update_calls = self.learner.update_calls();
-        self.report(false)?;
+        report(&mut self.progress, update_calls, false)?;
         self.display.show(false, || metrics(&scalars, rates, t_env, update_calls));
         if let Some(row) = self.unlogged.add(&scalars, t_env, update_calls, self.role.config.log.interval) {
             let mut disk = 0.0;
