@@ -41,6 +41,8 @@ pub struct Copies {
     rows: Vec<u16>,
     sizes: Sizes,
     reward: Reward,
+    /// All agents are given one reward: it is the team's.
+    is_shared: bool,
     actions: Vec<u16>,
 }
 
@@ -62,6 +64,7 @@ impl Copies {
             rows: Vec::new(),
             actions: vec![0; sizes.agents],
             reward,
+            is_shared: task.make().shares_reward(),
             sizes,
         }
     }
@@ -140,6 +143,7 @@ impl Copies {
                 envs::End::TimeLimit => End::TimeLimit,
             };
             copy.episode_return += match self.reward {
+                _ if self.is_shared => copy.rewards[0],
                 Reward::Mean => mean(&copy.rewards),
                 Reward::Sum | Reward::Individual => copy.rewards.iter().sum(),
             };
@@ -153,6 +157,7 @@ impl Copies {
     /// What an agent learns from (spec §2.5), out of everybody's own rewards.
     fn reward_of(&self, agent: usize, rewards: &[f64]) -> f64 {
         match self.reward {
+            _ if self.is_shared => rewards[agent],
             Reward::Sum => rewards.iter().sum(),
             Reward::Mean => mean(rewards),
             Reward::Individual => rewards[agent],
@@ -241,6 +246,32 @@ mod tests {
         assert_eq!(first, starts(1, "episode", 0));
         for other in [starts(2, "episode", 0), starts(1, "episode", 1), starts(1, "test-episode", 0)] {
             assert_ne!(first, other);
+        }
+    }
+
+    #[test]
+    fn a_reward_that_the_team_shares_is_not_added_up() {
+        let task = envs::task("smaclite-3m").expect("a task");
+        for reward in Reward::ALL {
+            let mut copies = Copies::of(&task, 1, reward);
+            copies.reset(1, "episode", 0);
+            let mut observe = Observe::default();
+            let mut earned = 0.0;
+            while copies.running() > 0 {
+                // Whoever can shoots, all others wait.
+                let action = |agent: usize| {
+                    let first_shot = (6..9).find(|&shot| copies.check(agent, &[shot]).is_ok());
+                    first_shot.unwrap_or(if copies.check(agent, &[1]).is_ok() { 1 } else { 0 })
+                };
+                let actions: Vec<Vec<u16>> = (0..3).map(|agent| vec![action(agent)]).collect();
+                copies.step(&actions);
+                copies.show(2, &mut observe);
+                earned += f64::from(observe.rewards[0]);
+            }
+            let played = copies.played().next().expect("one copy");
+            assert!(earned > 1.0 && earned < 20.0, "{earned}");
+            assert!((played.episode_return - earned).abs() < 1e-4, "{reward:?}: {played:?}, not {earned}");
+            assert!((played.returns[1] - earned).abs() < 1e-4);
         }
     }
 

@@ -28,6 +28,12 @@ pub trait World: Send {
     /// `rewards[agent]`. Worlds without randomness inside a step leave `rng` untouched.
     fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End;
 
+    /// Whether the team earns one reward, which every agent is given: then that is the team's reward, not the sum over
+    /// its agents.
+    fn shares_reward(&self) -> bool {
+        false
+    }
+
     /// Writes what `agent` sees now; `out` has `sizes().obs_size[agent]` places and all are written.
     fn observe(&self, agent: usize, out: &mut [f32]);
 

@@ -9,7 +9,8 @@ use proto::presets::{self, Family};
 pub struct Presets {}
 
 /// The families whose worlds are here, and how their tasks' names begin.
-const FAMILIES: [(Family, &str); 3] = [(Family::Lbf, "lbf"), (Family::Rware, "rware"), (Family::Mpe, "mpe")];
+const FAMILIES: [(Family, &str); 4] =
+    [(Family::Lbf, "lbf"), (Family::Rware, "rware"), (Family::Mpe, "mpe"), (Family::Smac, "smaclite")];
 
 impl Presets {
     pub fn run(&self) -> Result<(), Failure> {
@@ -75,8 +76,8 @@ fn table(title: &str, name: AlgoName) -> String {
     rows.concat()
 }
 
-fn row(setting: &str, [lbf, rware, mpe]: [String; 3], source: &str) -> String {
-    format!("{setting:24}{lbf:>10}{rware:>10}{mpe:>10}   {source}\n")
+fn row(setting: &str, [lbf, rware, mpe, smaclite]: [String; 4], source: &str) -> String {
+    format!("{setting:24}{lbf:>10}{rware:>10}{mpe:>10}{smaclite:>13}   {source}\n")
 }
 
 fn standardisation(config: &Config) -> &'static str {

@@ -1,5 +1,6 @@
 //! The worlds from outside: against the rules worked out by hand, against chance, and against the reference.
 
+mod battle_traces;
 mod conformance;
 mod foraging_starts;
 mod foraging_steps;
