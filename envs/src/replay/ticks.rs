@@ -53,6 +53,7 @@ pub(super) fn replay<R: BufRead>(mut lines: Lines<R>) -> Result<Report, ReplayEr
         match kind.as_str() {
             "episode" => {
                 let episode: Episode = lines.parse()?;
+                playing.iter().try_for_each(Playing::check_over).map_err(|what| lines.damaged(what))?;
                 playing = Some(Playing::start(&episode).map_err(|what| lines.damaged(what))?);
                 episodes += 1;
             }
@@ -71,6 +72,7 @@ pub(super) fn replay<R: BufRead>(mut lines: Lines<R>) -> Result<Report, ReplayEr
             break;
         }
     }
+    playing.iter().try_for_each(Playing::check_over).map_err(|what| lines.damaged(what))?;
     let Findings { mismatches, first, .. } = findings;
     Ok(Report { task: "smaclite-ticks".to_owned(), episodes, steps, mismatches, first, excused: 0 })
 }
@@ -89,6 +91,17 @@ impl Playing {
         check_same("fields", &FIELDS.map(str::to_owned).to_vec(), &episode.fields)?;
         let world = Battle::of_task(&episode.task)?;
         Ok(Playing { task: episode.task.clone(), episode: episode.episode, world, next: (1, 0) })
+    }
+
+    /// Steps are recorded with all of their ticks.
+    fn check_over(&self) -> Result<(), Damage> {
+        match self.next {
+            (_, 0) => Ok(()),
+            (t, tick) => Err(format!(
+                "expected tick {tick} of step {t} of episode {}, found the end of the episode",
+                self.episode
+            )),
+        }
     }
 
     fn tick(&mut self, tick: &Tick, findings: &mut Findings) -> Result<(), Damage> {

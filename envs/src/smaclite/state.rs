@@ -45,6 +45,17 @@ pub enum StateError {
 }
 
 impl Battle {
+    /// The battle of a task's name, unhurt and in formation.
+    ///
+    /// # Errors
+    /// If no such map comes with the program.
+    pub fn of_task(name: &str) -> Result<Battle, String> {
+        let map = name.strip_prefix("smaclite-").and_then(Map::built_in);
+        let map = map.ok_or_else(|| format!("expected a battle that comes with the program in `task`, found `{name}`"))?;
+        let limit = map.limit;
+        Ok(Battle::new(Arc::new(map), limit))
+    }
+
     /// The state now.
     pub fn state(&self) -> State {
         let unit = |unit: usize| {
@@ -158,14 +169,6 @@ pub(crate) struct Choice {
 impl Battle {
     pub(crate) fn living(&self) -> Vec<usize> {
         self.living.into_iter().collect()
-    }
-
-    /// The battle of a task's name, unhurt and in formation.
-    pub(crate) fn of_task(name: &str) -> Result<Battle, String> {
-        let map = name.strip_prefix("smaclite-").and_then(Map::built_in);
-        let map = map.ok_or_else(|| format!("expected a battle that comes with the program in `task`, found `{name}`"))?;
-        let limit = map.limit;
-        Ok(Battle::new(Arc::new(map), limit))
     }
 
     /// Goes on from a state within a step, by the orders that were given. What was done to the dead stays.
