@@ -21,6 +21,8 @@ struct Copy {
     /// The undiscounted sum of the team's rewards.
     episode_return: f64,
     length: u64,
+    /// How the last finished episode went, in the world's own words.
+    facts: Vec<(&'static str, f64)>,
 }
 
 /// A finished episode.
@@ -32,6 +34,8 @@ pub struct Played<'a> {
     pub returns: &'a [f64],
     /// Steps taken.
     pub length: u64,
+    /// How it went, in the world's own words.
+    pub facts: &'a [(&'static str, f64)],
 }
 
 /// The environment copies of one mode, training or test.
@@ -58,6 +62,7 @@ impl Copies {
             returns: vec![0.0; sizes.agents],
             episode_return: 0.0,
             length: 0,
+            facts: vec![],
         };
         Self {
             copies: (0..count).map(|_| copy()).collect(),
@@ -151,6 +156,10 @@ impl Copies {
                 *sum += reward;
             }
             copy.length += 1;
+            if copy.end != End::Running {
+                copy.facts.clear();
+                copy.world.facts(&mut |name, value| copy.facts.push((name, value)));
+            }
         }
     }
 
@@ -175,6 +184,7 @@ impl Copies {
             episode_return: copy.episode_return,
             returns: &copy.returns,
             length: copy.length,
+            facts: &copy.facts,
         })
     }
 }
@@ -272,6 +282,9 @@ mod tests {
             assert!(earned > 1.0 && earned < 20.0, "{earned}");
             assert!((played.episode_return - earned).abs() < 1e-4, "{reward:?}: {played:?}, not {earned}");
             assert!((played.returns[1] - earned).abs() < 1e-4);
+            let names = played.facts.iter().map(|(name, _)| *name);
+            assert!(names.eq(["battle_won", "allies_left", "enemies_left", "damage_dealt", "damage_taken"]));
+            assert_eq!(played.facts[4].1, 3.0 * 45.0, "all three marines died");
         }
     }
 

@@ -67,6 +67,10 @@ impl World for Padded {
         padding.fill(0);
     }
 
+    fn facts(&self, report: &mut dyn FnMut(&'static str, f64)) {
+        self.world.facts(report);
+    }
+
     fn scene(&self) -> Scene {
         self.world.scene()
     }

@@ -68,10 +68,8 @@ pub fn task_of_map(text: &str) -> Result<Task, UnknownTask> {
 pub fn named_task_of_map(name: &str, text: &str) -> Result<Task, UnknownTask> {
     let task = task_of_map(text)?;
     let mut all = task.family().rules.iter().filter_map(|rules| task.with_rules(rules).ok());
-    all.find(|task| task.name() == name).ok_or_else(|| UnknownTask::OtherMap {
-        name: name.to_owned(),
-        map: task.name().to_owned(),
-    })
+    all.find(|task| task.name() == name)
+        .ok_or_else(|| UnknownTask::OtherMap { name: name.to_owned(), map: task.name().to_owned() })
 }
 
 /// The tasks worth listing. Families have more: see [`Family::form`].

@@ -44,6 +44,11 @@ pub trait World: Send {
         out.fill(1);
     }
 
+    /// How the episode has gone so far, in the world's own words: each fact has a name, `battle_won`, and a finite
+    /// number. Metric rows have the mean of a fact over episodes as `battle_won_mean`, so names are of small letters,
+    /// digits and `_`; always the same ones, and those that say most come first.
+    fn facts(&self, _report: &mut dyn FnMut(&'static str, f64)) {}
+
     /// The world as it is now, for a picture.
     fn scene(&self) -> Scene;
 

@@ -130,16 +130,16 @@ mod tests {
     fn the_table_has_the_papers_numbers() {
         let text = text();
         for line in [
-            "hidden                         128       128       128   paper, appendix",
-            "hidden                          64        64       128   paper, appendix",
-            "network                        gru        fc        fc   paper, appendix",
-            "n_step                           5        10        10   paper, appendix",
-            "target_update                  200      0.01      0.01   paper, appendix",
-            "t_max                         20 M      40 M      20 M   benchmark",
-            "t_max                          2 M       4 M       2 M   benchmark",
-            "rates, centre                 3e-4      5e-4      5e-4   paper, appendix",
-            "rules                           v2        v1      2021   by date of the paper",
-            "end_of_batch               correct   correct   correct   our choice: by EPyMARL's, teams unlearn",
+            "hidden                         128       128       128           64   paper, appendix",
+            "hidden                          64        64       128           64   paper, appendix",
+            "network                        gru        fc        fc           fc   paper, appendix",
+            "n_step                           5        10        10           10   paper, appendix",
+            "target_update                  200      0.01      0.01         0.01   paper, appendix",
+            "t_max                         20 M      40 M      20 M         40 M   benchmark",
+            "t_max                          2 M       4 M       2 M          4 M   benchmark",
+            "rates, centre                 3e-4      5e-4      5e-4         5e-4   paper, appendix",
+            "rules                           v2        v1      2021  smac-limits   by date of the paper",
+            "end_of_batch               correct   correct   correct      correct   our choice: by EPyMARL's, teams unlearn",
         ] {
             assert!(text.contains(line), "{line}\nis not in\n{text}");
         }

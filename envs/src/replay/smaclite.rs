@@ -296,8 +296,22 @@ impl Episodes for Replay {
 impl Replay {
     fn recorded_state(&self, recorded: &Later, t: u64) -> Result<State, Damage> {
         let mut units = vec![None; self.before.units.len()];
-        for (k, &(id, pos, vel, hp, shield, energy, healing_available, cooldown, shield_cooldown, attacking, target)) in
-            recorded.units.iter().enumerate()
+        for (
+            k,
+            &(
+                id,
+                pos,
+                vel,
+                hp,
+                shield,
+                energy,
+                healing_available,
+                cooldown,
+                shield_cooldown,
+                attacking,
+                target,
+            ),
+        ) in recorded.units.iter().enumerate()
         {
             let state = UnitState {
                 pos,

@@ -157,9 +157,11 @@ impl Playing {
                 let field = |name: &str| format!("tick {} unit {unit} {name}", tick.tick);
                 findings.within(&field("pos"), &pos, &found.pos, PLACES);
                 findings.within(&field("vel_before"), &vel, &found.vel, 16.0 * PLACES);
-                for (name, expected, found) in
-                    [("hp", hp, found.hp), ("shield", shield, found.shield), ("cooldown", cooldown, found.cooldown)]
-                {
+                for (name, expected, found) in [
+                    ("hp", hp, found.hp),
+                    ("shield", shield, found.shield),
+                    ("cooldown", cooldown, found.cooldown),
+                ] {
                     findings.within(&field(name), &[expected], &[found], EXACT);
                 }
             }
@@ -167,7 +169,11 @@ impl Playing {
         }
         for (unit, lives) in living.into_iter().enumerate() {
             if !lives {
-                findings.value(&format!("tick {} unit {unit} alive", tick.tick), &false, &state.units[unit].is_some());
+                findings.value(
+                    &format!("tick {} unit {unit} alive", tick.tick),
+                    &false,
+                    &state.units[unit].is_some(),
+                );
                 state.units[unit] = None;
             }
         }

@@ -172,7 +172,8 @@ impl Map {
         };
         (0..self.units.len()).find_map(|unit| {
             let (own, at) = (self.kind(unit), place(unit));
-            let on_map = (0.0..f64::from(self.width)).contains(&at.x) && (0.0..f64::from(self.height)).contains(&at.y);
+            let on_map =
+                (0.0..f64::from(self.width)).contains(&at.x) && (0.0..f64::from(self.height)).contains(&at.y);
             let in_wall = |wall: &Wall| wall.is_near(at, own.radius() - TOUCH);
             let overlaps = |&other: &usize| {
                 let its = self.kind(other);
@@ -207,7 +208,8 @@ fn compile(file: File) -> Result<Map, Mistake> {
     }
     let [width, height] = *file.size.get_ref();
     if [width, height].iter().any(|side| !(SMALLEST..=LARGEST).contains(side)) {
-        let text = format!("expected a size of {SMALLEST} to {LARGEST} cells each way, found {width} x {height}");
+        let text =
+            format!("expected a size of {SMALLEST} to {LARGEST} cells each way, found {width} x {height}");
         return Err((file.size.span(), text));
     }
     let limit = checked_limit(&file.limit)?;
@@ -218,7 +220,8 @@ fn compile(file: File) -> Result<Map, Mistake> {
     };
     for wall in &file.blocked {
         let [x, y, w, h] = *wall.get_ref();
-        let fits = |at: u32, length: u32, most| length > 0 && at.checked_add(length).is_some_and(|end| end <= most);
+        let fits =
+            |at: u32, length: u32, most| length > 0 && at.checked_add(length).is_some_and(|end| end <= most);
         if !fits(x, w, width) || !fits(y, h, height) {
             let text = format!(
                 "expected blocked cells within the map of {width} x {height} cells, found {w} x {h} cells from ({x}, {y}) on"
@@ -239,7 +242,10 @@ fn compile(file: File) -> Result<Map, Mistake> {
     let (mut units, mut spans) = (Vec::new(), Vec::new());
     for (side, groups, title) in sides {
         if groups.is_empty() {
-            return Err((file.name.span(), format!("map {name} has no {title}: expected a group `[[{title}]]`")));
+            return Err((
+                file.name.span(),
+                format!("map {name} has no {title}: expected a group `[[{title}]]`"),
+            ));
         }
         for group in groups {
             let centre = *group.at.get_ref();
@@ -336,7 +342,9 @@ pub(super) fn assemble<'k>(
 
 pub(super) fn unknown_unit(name: &str) -> String {
     let known = Kind::known_names();
-    format!("unknown unit `{name}`: expected one of {known}, or one that the map describes in `[units.{name}]`")
+    format!(
+        "unknown unit `{name}`: expected one of {known}, or one that the map describes in `[units.{name}]`"
+    )
 }
 
 fn checked_limit(limit: &Spanned<u32>) -> Result<u32, Mistake> {

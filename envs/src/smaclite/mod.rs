@@ -7,6 +7,7 @@ mod crowd;
 mod formation;
 mod map;
 mod name;
+mod scene;
 mod set;
 mod solve;
 mod state;
@@ -15,17 +16,16 @@ mod unit;
 mod vec2;
 mod views;
 mod walls;
-mod scene;
 
 use std::sync::Arc;
 
 use rand::RngCore;
 
 use crowd::Crowd;
-use map::{Map, Side};
 pub use map::MapError;
-pub(crate) use name::{made_of_map, no_opponent, BadMap};
+use map::{Map, Side};
 use name::FORM;
+pub(crate) use name::{made_of_map, no_opponent, BadMap};
 use set::Set;
 use solve::HalfPlane;
 pub(crate) use state::Choice;
@@ -205,7 +205,8 @@ impl Battle {
             }
         };
         let facts: Arc<[Facts]> = kinds.iter().enumerate().map(facts).collect();
-        let damage = map.kinds.iter().map(|(_, from)| map.kinds.iter().map(|(_, to)| from.damage_to(to)).collect());
+        let damage =
+            map.kinds.iter().map(|(_, from)| map.kinds.iter().map(|(_, to)| from.damage_to(to)).collect());
         let mut battle = Battle {
             sizes: views::sizes(&map, episode_limit),
             damage: damage.collect(),
@@ -256,7 +257,10 @@ impl Battle {
             beyond(x, w, width) || beyond(y, h, height)
         };
         if width == 0 || height == 0 || width > map::LARGEST || height > map::LARGEST {
-            return Err(format!("expected a map of up to {} cells each way, found {width} x {height}", map::LARGEST));
+            return Err(format!(
+                "expected a map of up to {} cells each way, found {width} x {height}",
+                map::LARGEST
+            ));
         }
         if let Some(wall) = rectangles.iter().find(outside) {
             return Err(format!("expected obstacles on the map of {width} x {height} cells, found {wall:?}"));
@@ -412,6 +416,14 @@ impl World for Battle {
 
     fn available(&self, agent: usize, out: &mut [u8]) {
         self.mask(agent, out);
+    }
+
+    fn facts(&self, report: &mut dyn FnMut(&'static str, f64)) {
+        report("battle_won", f64::from(u8::from(self.is_won())));
+        report("allies_left", self.living.and(self.allies).len() as f64);
+        report("enemies_left", self.enemies().len() as f64);
+        report("damage_dealt", self.damage_dealt);
+        report("damage_taken", self.damage_taken);
     }
 
     fn scene(&self) -> Scene {

@@ -51,7 +51,9 @@ impl Battle {
     /// If no such map comes with the program.
     pub fn of_task(name: &str) -> Result<Battle, String> {
         let map = name.strip_prefix("smaclite-").and_then(Map::built_in);
-        let map = map.ok_or_else(|| format!("expected a battle that comes with the program in `task`, found `{name}`"))?;
+        let map = map.ok_or_else(|| {
+            format!("expected a battle that comes with the program in `task`, found `{name}`")
+        })?;
         let limit = map.limit;
         Ok(Battle::new(Arc::new(map), limit))
     }

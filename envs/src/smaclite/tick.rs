@@ -163,7 +163,11 @@ impl Battle {
         let far = attackers.into_iter().map(|ally| (ally, FAR));
         let alive = |&(other, _): &(usize, f64)| self.units[other].health > 0.0;
         let key = |(other, distance): (usize, f64)| (!self.facts[other].heals, distance);
-        close.chain(far).filter(alive).reduce(|best, next| if key(next) < key(best) { next } else { best }).map(|(other, _)| other)
+        close
+            .chain(far)
+            .filter(alive)
+            .reduce(|best, next| if key(next) < key(best) { next } else { best })
+            .map(|(other, _)| other)
     }
 
     /// Whom an enemy healer without a patient takes: the weakest that is hurt or fights.
@@ -233,7 +237,8 @@ impl Battle {
             }
             let q = towards(own.at, its.at);
             let share = if self.scratch.wanted[other] == Vec2::ZERO { 1.0 } else { 0.5 };
-            let (direction, excess) = keep_apart(q, own.velocity - its.velocity, facts.radius + self.facts[other].radius);
+            let (direction, excess) =
+                keep_apart(q, own.velocity - its.velocity, facts.radius + self.facts[other].radius);
             planes.push(HalfPlane { direction, point: own.velocity + share * excess });
         }
     }

@@ -151,8 +151,9 @@ impl Battle {
 
     /// How many numbers the state of all has.
     pub(crate) fn global_state_size(&self) -> usize {
-        let bodies: usize =
-            (0..self.units.len()).map(|unit| self.body_size(unit) + 2 + usize::from(self.is_ally(unit))).sum();
+        let bodies: usize = (0..self.units.len())
+            .map(|unit| self.body_size(unit) + 2 + usize::from(self.is_ally(unit)))
+            .sum();
         bodies + self.sizes.agents * self.sizes.n_actions[0]
     }
 

@@ -58,7 +58,8 @@ impl Wall {
         if a.det(along) >= 0.0 {
             return None;
         }
-        let covers = |plane: &HalfPlane, corner: Vec2| (corner - plane.point).det(plane.direction) - r >= COVERED;
+        let covers =
+            |plane: &HalfPlane, corner: Vec2| (corner - plane.point).det(plane.direction) - r >= COVERED;
         if planes.iter().any(|plane| covers(plane, a) && covers(plane, b)) {
             return None;
         }
@@ -108,7 +109,8 @@ impl Wall {
         if t > 1.0 && t_right < 0.0 {
             return around(b);
         }
-        let far = |is_far: bool, point: Vec2| if is_far { f64::INFINITY } else { (velocity - point).square() };
+        let far =
+            |is_far: bool, point: Vec2| if is_far { f64::INFINITY } else { (velocity - point).square() };
         let to_cut = far(!(0.0..=1.0).contains(&t) || one_corner, a + t * cut);
         let to_left = far(t_left < 0.0, a + t_left * left);
         let to_right = far(t_right < 0.0, b + t_right * right);

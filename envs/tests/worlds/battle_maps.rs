@@ -106,9 +106,15 @@ fn a_bad_map_is_refused_with_the_line() {
         assert!(message.starts_with(expected), "line {line} as {text:?}:\n{message}\n{expected}");
     }
     let no_allies: Vec<&str> = [&GOOD[..5], &GOOD[8..]].concat();
-    assert_eq!(refusal(&no_allies.join("\n")), "line 1: map mine has no allies: expected a group `[[allies]]`");
+    assert_eq!(
+        refusal(&no_allies.join("\n")),
+        "line 1: map mine has no allies: expected a group `[[allies]]`"
+    );
     let no_enemies: Vec<&str> = [&GOOD[..8], &GOOD[11..]].concat();
-    assert_eq!(refusal(&no_enemies.join("\n")), "line 1: map mine has no enemies: expected a group `[[enemies]]`");
+    assert_eq!(
+        refusal(&no_enemies.join("\n")),
+        "line 1: map mine has no enemies: expected a group `[[enemies]]`"
+    );
     for nothing in ["", "\0", "name", "[", "= 1"] {
         assert!(refusal(nothing).starts_with("line 1: "), "{nothing:?}");
     }

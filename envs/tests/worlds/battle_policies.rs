@@ -61,7 +61,8 @@ enum Policy {
 }
 
 fn policy(label: &str, kites: bool, rng: &mut ChaCha8Rng) -> Policy {
-    let fighter = |random, weakest, advances, kites| Policy::Fighter(Script { random, weakest, advances, kites });
+    let fighter =
+        |random, weakest, advances, kites| Policy::Fighter(Script { random, weakest, advances, kites });
     match label {
         "any-legal" | "scattered-any" => Policy::AnyLegal,
         "fighter" => fighter(0.02, false, true, kites),
@@ -107,7 +108,14 @@ fn step_to(own: [f64; 2], point: [f64; 2], allowed: &[u16]) -> u16 {
     least(moves, |action| -gain(action)).unwrap_or(STOP)
 }
 
-fn fight(script: Script, agent: usize, allowed: &[u16], world: &Battle, heals: bool, rng: &mut ChaCha8Rng) -> u16 {
+fn fight(
+    script: Script,
+    agent: usize,
+    allowed: &[u16],
+    world: &Battle,
+    heals: bool,
+    rng: &mut ChaCha8Rng,
+) -> u16 {
     if chance(rng, script.random) {
         return any(allowed, rng);
     }
@@ -121,10 +129,12 @@ fn fight(script: Script, agent: usize, allowed: &[u16], world: &Battle, heals: b
         state.units[first + usize::from(action - TARGET)].as_ref().expect("who can be aimed at lives")
     };
     if heals {
-        let hurt = shots.iter().copied().filter(|&action| unit(0, action).hp < FULL[usize::from(action - TARGET)]);
+        let hurt =
+            shots.iter().copied().filter(|&action| unit(0, action).hp < FULL[usize::from(action - TARGET)]);
         return least(hurt, |&action| unit(0, action).hp).unwrap_or_else(|| {
             let mates: Vec<_> = living(0..agents).into_iter().filter(|&(mate, _)| mate != agent).collect();
-            let mean = |axis: usize| mates.iter().map(|(_, mate)| mate.pos[axis]).sum::<f64>() / mates.len() as f64;
+            let mean =
+                |axis: usize| mates.iter().map(|(_, mate)| mate.pos[axis]).sum::<f64>() / mates.len() as f64;
             if mates.is_empty() {
                 STOP
             } else {
@@ -168,7 +178,8 @@ const FULL: [f64; 10] = [150.0, 45.0, 45.0, 45.0, 45.0, 45.0, 45.0, 45.0, 125.0,
 fn act(policy: &Policy, agent: usize, world: &Battle, heals: bool, rng: &mut ChaCha8Rng) -> u16 {
     let mut mask = vec![0; world.sizes().n_actions[agent]];
     world.available(agent, &mut mask);
-    let allowed: Vec<u16> = (0..).zip(&mask).filter(|(_, &entry)| entry == 1).map(|(action, _)| action).collect();
+    let allowed: Vec<u16> =
+        (0..).zip(&mask).filter(|(_, &entry)| entry == 1).map(|(action, _)| action).collect();
     if world.state().units[agent].is_none() {
         assert_eq!(allowed, [0], "the dead do nothing");
         return 0;
@@ -245,7 +256,9 @@ fn scripted_battles_come_out_as_the_recorded_ones_within_their_sampling_error() 
     const NUMBERS: [&str; 3] = ["return", "length", "win rate"];
     let mut recorded = recorded();
     // Without chance in the policy, battles from one start are one battle recorded several times.
-    recorded.dedup_by(|b, a| (b.units == a.units) && (b.episode_return, b.length) == (a.episode_return, a.length));
+    recorded.dedup_by(|b, a| {
+        (b.units == a.units) && (b.episode_return, b.length) == (a.episode_return, a.length)
+    });
     let mut of_policies: BTreeMap<(&str, &str, usize), Vec<Compared>> = BTreeMap::new();
     for (number, battle) in recorded.iter().enumerate() {
         let mut rng = ChaCha8Rng::seed_from_u64(number as u64);
@@ -269,7 +282,10 @@ fn scripted_battles_come_out_as_the_recorded_ones_within_their_sampling_error() 
             let error = (mean(&|one| one.variance) / n).sqrt();
             println!("{task} {what}: recorded {recorded:.3}, here {here:.3}, error {error:.3}");
             // One in 2,000 sound comparisons is beyond this.
-            assert!((recorded - here).abs() < 3.5 * error, "{task}, {what}: {recorded} recorded, {here} here");
+            assert!(
+                (recorded - here).abs() < 3.5 * error,
+                "{task}, {what}: {recorded} recorded, {here} here"
+            );
         }
     }
     // Recorded battles rank anywhere among those here, whatever their distribution; of each policy the mean rank is

@@ -485,7 +485,9 @@ fn maps_are_understood_as_smaclite_smac_and_epymarl_spell_them_or_refused_as_mis
             match task(&id) {
                 Ok(task) => assert_eq!(task.name(), own, "{id}"),
                 Err(error) => {
-                    let expected = format!("there is no task `{id}`: Rondo has no file for that map of SMAC; there are ");
+                    let expected = format!(
+                        "there is no task `{id}`: Rondo has no file for that map of SMAC; there are "
+                    );
                     assert!(error.to_string().starts_with(&expected), "{id}: {error}");
                     assert!(matches!(error, UnknownTask::Missing { .. }));
                     assert!(task(&own).is_err());
@@ -511,7 +513,11 @@ fn starcraft_itself_is_refused_with_what_there_is_instead() {
         }
     }
     for id in ["sc2", "smac", "smaclite", "smaclite-"] {
-        assert!(refused(id).contains("smaclite-3s_vs_5z") || refused(id).contains("3s_vs_5z"), "{}", refused(id));
+        assert!(
+            refused(id).contains("smaclite-3s_vs_5z") || refused(id).contains("3s_vs_5z"),
+            "{}",
+            refused(id)
+        );
     }
 }
 

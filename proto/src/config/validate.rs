@@ -1,8 +1,8 @@
 //! What the types of a configuration cannot say, judged all at once.
 
 use super::limits::{
-    MAX_AGENTS, MAX_BUFFER, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_LEVELS, MAX_MAP, MAX_OPPONENT, MAX_TASK_NAME,
-    MAX_TEST_EPISODES,
+    MAX_AGENTS, MAX_BUFFER, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_LEVELS, MAX_MAP, MAX_OPPONENT,
+    MAX_TASK_NAME, MAX_TEST_EPISODES,
 };
 use super::{
     Algo, AlgoName, ClipScope, Config, ConfigError, Learner, Period, Ppo, QLearning, Schedule, SwitchUnit,
