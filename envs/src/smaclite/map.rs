@@ -21,7 +21,8 @@ pub(super) enum Side {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Map {
     pub name: String,
-    pub about: String,
+    /// What a user should know before a team learns here.
+    pub note: Option<String>,
     pub limit: u32,
     pub smac_limit: u32,
     pub width: u32,
@@ -78,8 +79,7 @@ static BUILT_IN: [&str; 12] = [
 #[serde(deny_unknown_fields)]
 struct File {
     name: Spanned<String>,
-    #[serde(default)]
-    about: String,
+    note: Option<String>,
     limit: Spanned<u32>,
     smac_limit: Option<Spanned<u32>>,
     size: Spanned<[u32; 2]>,
@@ -285,7 +285,12 @@ fn compile(file: File) -> Result<Map, Mistake> {
         rectangles: file.blocked.iter().map(|wall| *wall.get_ref()).collect(),
         attack,
     };
-    let map = Map { about: file.about, limit, smac_limit, ..assemble(name, ground, &units, kind_of) };
+    let map = Map {
+        note: file.note,
+        limit,
+        smac_limit,
+        ..assemble(name, ground, &units, kind_of)
+    };
     match map.first_in_the_way() {
         None => Ok(map),
         Some((unit, problem)) => {
@@ -325,7 +330,7 @@ pub(super) fn assemble<'k>(
     let wall = |[x, y, w, h]: [u32; 4]| Wall::new(f64::from(x), f64::from(y), f64::from(w), f64::from(h));
     Map {
         name: name.to_owned(),
-        about: String::new(),
+        note: None,
         limit: EPYMARL_LIMIT,
         smac_limit: EPYMARL_LIMIT,
         width,

@@ -394,6 +394,10 @@ impl World for Battle {
         &self.sizes
     }
 
+    fn warning(&self) -> Option<String> {
+        self.map.note.clone()
+    }
+
     fn reset(&mut self, _: &mut dyn RngCore) {
         self.begin();
     }

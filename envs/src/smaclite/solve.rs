@@ -1,4 +1,4 @@
-//! The velocity nearest to the wanted one that no half-plane forbids (smaclite §6.3).
+//! The velocity nearest to the wanted one that no half-plane forbids (smaclite §7).
 
 use super::vec2::Vec2;
 

@@ -26,7 +26,7 @@ impl Battle {
         earned
     }
 
-    /// Spec §5.7.
+    /// Spec §5.6.
     pub(super) fn bury(&mut self) {
         for unit in self.living {
             if self.units[unit].health <= 0.0 {
@@ -64,7 +64,7 @@ impl Battle {
         }
     }
 
-    /// Spec §5.4.
+    /// Spec §5.
     fn is_in_range(&self, unit: usize, other: usize) -> bool {
         let way = towards(self.units[unit].at, self.units[other].at);
         let (own, its) = (&self.facts[unit], &self.facts[other]);
@@ -192,7 +192,7 @@ impl Battle {
         speed * way(towards(self.units[unit].at, self.units[other].at))
     }
 
-    /// Spec §6: the new velocities of all, from the same places and the velocities before.
+    /// Spec §5.4: the new velocities of all, from the same places and the velocities before.
     pub(super) fn avoid(&mut self) {
         let (mut planes, mut more_planes) = self.take_planes();
         for unit in self.living {
@@ -212,7 +212,7 @@ impl Battle {
         (self.scratch.planes, self.scratch.more_planes) = (planes, more_planes);
     }
 
-    /// Spec §6.2.
+    /// Spec §6.
     fn keep_off_walls(&self, unit: usize, planes: &mut Vec<HalfPlane>) {
         let (own, facts) = (&self.units[unit], &self.facts[unit]);
         let body = Body { at: own.place(), velocity: own.velocity, radius: facts.radius };
@@ -221,7 +221,7 @@ impl Battle {
         }
     }
 
-    /// Spec §6.1.
+    /// Spec §7.
     fn keep_off_others(&self, unit: usize, planes: &mut Vec<HalfPlane>) {
         let (own, facts) = (&self.units[unit], &self.facts[unit]);
         let reach = self.max_radius + facts.radius;
@@ -243,7 +243,7 @@ impl Battle {
         }
     }
 
-    /// Spec §5.6: what one unit does in this tick, and what that earns.
+    /// Spec §5.5: what one unit does in this tick, and what that earns.
     pub(super) fn act(&mut self, unit: usize) -> f64 {
         let facts = &self.facts[unit];
         let kind = &self.map.kinds[facts.kind].1;

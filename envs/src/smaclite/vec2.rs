@@ -81,7 +81,7 @@ impl Mul<Vec2> for f64 {
     }
 }
 
-/// Whether something `dx` and `dy` away is within `reach` (smaclite §4).
+/// Whether something `dx` and `dy` away is within `reach` (smaclite §5).
 pub(super) fn is_within(dx: f64, dy: f64, reach: f64) -> bool {
     let (dx, dy) = (dx.abs(), dy.abs());
     dx <= reach && dy <= reach && (dx + dy <= reach || dx * dx + dy * dy <= reach * reach)

@@ -1,4 +1,4 @@
-//! Blocked rectangles as half-planes of velocities (smaclite §6.2): how ground units keep off walls.
+//! Blocked rectangles as half-planes of velocities (smaclite §6): how ground units keep off walls.
 
 use super::solve::HalfPlane;
 use super::vec2::{is_within, vec2, Vec2};
