@@ -21,6 +21,8 @@ struct Copy {
     /// The undiscounted sum of the team's rewards.
     episode_return: f64,
     length: u64,
+    /// How the last finished episode went, in the world's own words.
+    facts: Vec<(&'static str, f64)>,
 }
 
 /// A finished episode.
@@ -32,6 +34,8 @@ pub struct Played<'a> {
     pub returns: &'a [f64],
     /// Steps taken.
     pub length: u64,
+    /// How it went, in the world's own words.
+    pub facts: &'a [(&'static str, f64)],
 }
 
 /// The environment copies of one mode, training or test.
@@ -41,6 +45,8 @@ pub struct Copies {
     rows: Vec<u16>,
     sizes: Sizes,
     reward: Reward,
+    /// All agents are given one reward: it is the team's.
+    is_shared: bool,
     actions: Vec<u16>,
 }
 
@@ -56,12 +62,14 @@ impl Copies {
             returns: vec![0.0; sizes.agents],
             episode_return: 0.0,
             length: 0,
+            facts: vec![],
         };
         Self {
             copies: (0..count).map(|_| copy()).collect(),
             rows: Vec::new(),
             actions: vec![0; sizes.agents],
             reward,
+            is_shared: task.make().shares_reward(),
             sizes,
         }
     }
@@ -140,6 +148,7 @@ impl Copies {
                 envs::End::TimeLimit => End::TimeLimit,
             };
             copy.episode_return += match self.reward {
+                _ if self.is_shared => copy.rewards[0],
                 Reward::Mean => mean(&copy.rewards),
                 Reward::Sum | Reward::Individual => copy.rewards.iter().sum(),
             };
@@ -147,12 +156,17 @@ impl Copies {
                 *sum += reward;
             }
             copy.length += 1;
+            if copy.end != End::Running {
+                copy.facts.clear();
+                copy.world.facts(&mut |name, value| copy.facts.push((name, value)));
+            }
         }
     }
 
     /// The reward that an agent learns from (algorithms §2.5), from all agents' own rewards.
     fn reward_of(&self, agent: usize, rewards: &[f64]) -> f64 {
         match self.reward {
+            _ if self.is_shared => rewards[agent],
             Reward::Sum => rewards.iter().sum(),
             Reward::Mean => mean(rewards),
             Reward::Individual => rewards[agent],
@@ -170,6 +184,7 @@ impl Copies {
             episode_return: copy.episode_return,
             returns: &copy.returns,
             length: copy.length,
+            facts: &copy.facts,
         })
     }
 }
@@ -242,6 +257,35 @@ mod tests {
         assert_eq!(first, starts(1, "episode", 0));
         for other in [starts(2, "episode", 0), starts(1, "episode", 1), starts(1, "test-episode", 0)] {
             assert_ne!(first, other);
+        }
+    }
+
+    #[test]
+    fn a_reward_that_the_team_shares_is_not_added_up() {
+        let task = envs::task("smaclite-3m").expect("a task");
+        for reward in Reward::ALL {
+            let mut copies = Copies::of(&task, 1, reward);
+            copies.reset(1, "episode", 0);
+            let mut observe = Observe::default();
+            let mut earned = 0.0;
+            while copies.running() > 0 {
+                // Whoever can shoots, all others wait.
+                let action = |agent: usize| {
+                    let first_shot = (6..9).find(|&shot| copies.check(agent, &[shot]).is_ok());
+                    first_shot.unwrap_or(if copies.check(agent, &[1]).is_ok() { 1 } else { 0 })
+                };
+                let actions: Vec<Vec<u16>> = (0..3).map(|agent| vec![action(agent)]).collect();
+                copies.step(&actions);
+                copies.show(2, &mut observe);
+                earned += f64::from(observe.rewards[0]);
+            }
+            let played = copies.played().next().expect("one copy");
+            assert!(earned > 1.0 && earned < 20.0, "{earned}");
+            assert!((played.episode_return - earned).abs() < 1e-4, "{reward:?}: {played:?}, not {earned}");
+            assert!((played.returns[1] - earned).abs() < 1e-4);
+            let names = played.facts.iter().map(|(name, _)| *name);
+            assert!(names.eq(["battle_won", "allies_left", "enemies_left", "damage_dealt", "damage_taken"]));
+            assert_eq!(played.facts[4].1, 3.0 * 45.0, "all three marines died");
         }
     }
 

@@ -1,5 +1,7 @@
 //! The env-server's records: metric rows, the content of its checkpoints, a report, scalars for a display.
 
+use std::collections::BTreeMap;
+
 use proto::config::Reward;
 use proto::control::Metrics;
 use serde::{Deserialize, Serialize};
@@ -23,6 +25,9 @@ pub struct Edge {
     /// Of all tests so far: the last mean return, and the best.
     pub test_return_mean: Option<f64>,
     pub best_test_return_mean: Option<f64>,
+    /// Means over the episodes of the last test of what the world reports of them.
+    #[serde(default)]
+    pub test_facts: BTreeMap<String, f64>,
 }
 
 /// Sums over episodes.
@@ -35,6 +40,9 @@ pub struct Unlogged {
     /// Of each agent's own returns with `world.reward = individual`; else empty.
     #[serde(default)]
     of_agents: Vec<f64>,
+    /// Of what the world reports of an episode, by name.
+    #[serde(default)]
+    facts: BTreeMap<String, f64>,
 }
 
 impl Unlogged {
@@ -45,6 +53,12 @@ impl Unlogged {
             self.returns += episode.episode_return;
             self.squares += episode.episode_return * episode.episode_return;
             self.lengths += episode.length;
+            for &(name, value) in episode.facts {
+                match self.facts.get_mut(name) {
+                    Some(sum) => *sum += value,
+                    None => drop(self.facts.insert(name.to_owned(), value)),
+                }
+            }
             if reward == Reward::Individual {
                 self.of_agents.resize(episode.returns.len(), 0.0);
                 for (sum, own) in self.of_agents.iter_mut().zip(episode.returns) {
@@ -60,6 +74,13 @@ impl Unlogged {
         own.fold(row, |row, (agent, sum)| {
             row.with(format!("{prefix}agent_{agent}_return_mean"), sum / self.episodes as f64)
         })
+    }
+
+    /// The mean of each fact over episodes, under the name that it has in a row.
+    fn facts(&self, prefix: &str) -> BTreeMap<String, f64> {
+        let mean =
+            |(name, sum): (&String, &f64)| (format!("{prefix}{name}_mean"), sum / self.episodes as f64);
+        self.facts.iter().map(mean).collect()
     }
 
     fn mean(&self) -> f64 {
@@ -100,13 +121,16 @@ impl Edge {
             .with("return_std", played.std())
             .with("ep_length_mean", played.ep_length_mean())
             .with("episodes", played.episodes as f64);
-        Some(played.own_returns(row, ""))
+        let row = played.own_returns(row, "");
+        Some(played.facts("").into_iter().fold(row, |row, (name, mean)| row.with(name, mean)))
     }
 
     /// The scalars of this edge for a display.
     pub fn metrics(&self) -> Metrics {
         let test = self.test_return_mean.map(|mean| ("test_return_mean".to_owned(), mean));
-        Metrics { t_env: self.t_env, update_calls: self.round, scalars: test.into_iter().collect() }
+        let facts = self.test_facts.iter().map(|(name, mean)| (name.clone(), *mean));
+        let scalars = test.into_iter().chain(facts).collect();
+        Metrics { t_env: self.t_env, update_calls: self.round, scalars }
     }
 
     /// The row of a test at this edge.
@@ -120,7 +144,9 @@ impl Edge {
             .with("test_return_std", test.std())
             .with("test_ep_length_mean", test.ep_length_mean())
             .with("test_episodes", test.episodes as f64);
-        test.own_returns(row, "test_")
+        self.test_facts = test.facts("test_");
+        let row = test.own_returns(row, "test_");
+        self.test_facts.iter().fold(row, |row, (name, mean)| row.with(name.clone(), *mean))
     }
 }
 
@@ -156,6 +182,7 @@ pub struct Report {
     pub ticks: u64,
     pub test_return_mean: Option<f64>,
     pub best_test_return_mean: Option<f64>,
+    pub test_facts: BTreeMap<String, f64>,
     pub seconds: Seconds,
     pub ignored_messages: u64,
     pub peak_memory_bytes: Option<u64>,
@@ -175,9 +202,11 @@ mod tests {
     #[test]
     fn mean_and_deviation_of_returns_are_those_computed_by_hand() {
         let mut sums = Unlogged::default();
-        let of = |episode_return, length| Played { episode_return, returns: &[], length };
+        let of =
+            |episode_return, length| Played { episode_return, returns: &[], length, facts: &[("wins", 0.5)] };
         sums.add([of(0.0, 50), of(1.0, 10), of(0.5, 30)].into_iter(), Reward::Sum);
         assert_eq!((sums.mean(), sums.ep_length_mean(), sums.steps()), (0.5, 30.0, 90));
+        assert_eq!(sums.facts("test_"), BTreeMap::from([("test_wins_mean".to_owned(), 0.5)]));
         assert!((sums.std() - (1.0f64 / 6.0).sqrt()).abs() < 1e-12);
     }
 
@@ -186,8 +215,13 @@ mod tests {
         let mut edge = Edge { t_env: 300, round: 1, ..Edge::default() };
         assert!(edge.test_is_due(1000));
         let mut test = Unlogged::default();
-        test.add(std::iter::once(Played { episode_return: 0.25, returns: &[], length: 4 }), Reward::Sum);
-        edge.test_row(&test);
+        let facts = &[("battle_won", 1.0)];
+        let played = Played { episode_return: 0.25, returns: &[], length: 4, facts };
+        test.add(std::iter::once(played), Reward::Sum);
+        let row = edge.test_row(&test);
+        assert_eq!(row.scalars.last(), Some(&("test_battle_won_mean".into(), 1.0)));
+        let shown = [("test_return_mean".to_owned(), 0.25), ("test_battle_won_mean".to_owned(), 1.0)];
+        assert_eq!(edge.metrics().scalars, shown);
         assert_eq!((edge.last_test, edge.best_test_return_mean), (Some(300), Some(0.25)));
         edge.t_env = 1299;
         assert!(!edge.test_is_due(1000));

@@ -319,6 +319,7 @@ impl Server<'_> {
             ticks: self.team.ticks,
             test_return_mean: self.edge.test_return_mean,
             best_test_return_mean: self.edge.best_test_return_mean,
+            test_facts: self.edge.test_facts.clone(),
             seconds: self.team.seconds,
             ignored_messages: self.team.ignored.count(),
             peak_memory_bytes: process::peak_memory_bytes(),

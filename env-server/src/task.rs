@@ -18,7 +18,11 @@ pub const OPPONENT_FILE: &str = "opponent.safetensors";
 pub fn task(config: &Config, run: &Path) -> Result<Task, Failure> {
     let World { task: name, agents, pad, .. } = &config.world;
     let refused = |error| Failure::new(exit::CONFIG, error);
-    let mut task = envs::task(name).map_err(refused)?;
+    let mut task = match &config.world.map {
+        None => envs::task(name).map_err(refused)?,
+        Some(map) => envs::named_task_of_map(name, map)
+            .map_err(|error| Failure::new(exit::CONFIG, format!("`world.map`: {error}")))?,
+    };
     if task.sizes().agents != *agents as usize {
         let has = task.sizes().agents;
         return Err(Failure::new(exit::CONFIG, format!("`world.agents` is {agents}, but {name} has {has}")));

@@ -21,6 +21,7 @@ const TWICE: u64 = 10;
 /// If the world violates one of these.
 pub fn check<R: RngCore>(world: &dyn World, seeded: impl Fn(u64) -> R) {
     sizes_agree(world.sizes());
+    let names = names_of_facts(world);
     // The generator of the world, then that of the actions.
     let generators = |seed: u64| (seeded(seed), seeded(!seed));
 
@@ -32,6 +33,7 @@ pub fn check<R: RngCore>(world: &dyn World, seeded: impl Fn(u64) -> R) {
         can_be_drawn(&used.scene());
         steps += play(&mut *used, 0, u32::MAX, 0, &mut chance, &mut policy).steps;
         can_be_drawn(&used.scene());
+        assert_eq!(names_of_facts(&*used), names, "a world must report the same facts always");
     }
 
     let episode = |world: &mut dyn World, seed, ahead| {
@@ -88,6 +90,8 @@ struct Played {
     rewards: Vec<u64>,
     steps: u32,
     end: End,
+    /// Of the world's report at the end.
+    facts: Vec<u64>,
 }
 
 fn sizes_agree(sizes: &Sizes) {
@@ -111,7 +115,8 @@ fn play(
     policy: &mut dyn RngCore,
 ) -> Played {
     let Sizes { agents, n_actions, episode_limit, .. } = world.sizes().clone();
-    let mut played = Played { observations: vec![], rewards: vec![], steps: 0, end: End::Running };
+    let mut played =
+        Played { observations: vec![], rewards: vec![], steps: 0, end: End::Running, facts: vec![] };
     let mut actions = vec![0; agents];
     loop {
         played.observations.extend(everybodys_view(world));
@@ -128,6 +133,7 @@ fn play(
             *action = open[below(policy, open.len() as u32) as usize];
         }
         if played.end != End::Running || played.steps == most {
+            world.facts(&mut |_, value| played.facts.push(value.to_bits()));
             return played;
         }
         (0..ahead).for_each(|_| world.think_ahead());
@@ -163,6 +169,19 @@ fn everybodys_view(world: &dyn World) -> Vec<u32> {
         view.extend(seen.iter().map(|number| number.to_bits()));
     }
     view
+}
+
+/// The names of what a world reports of an episode.
+fn names_of_facts(world: &dyn World) -> Vec<&'static str> {
+    let mut names = Vec::new();
+    world.facts(&mut |name, value| {
+        let is_part = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_';
+        let good = !name.is_empty() && name.bytes().all(is_part) && !names.contains(&name);
+        assert!(good, "`{name}` is no name of a fact, or one that was there already");
+        assert!(value.is_finite(), "the fact {name} is {value}");
+        names.push(name);
+    });
+    names
 }
 
 fn can_be_drawn(scene: &Scene) {

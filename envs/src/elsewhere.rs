@@ -11,39 +11,7 @@ struct Package {
     names: &'static [&'static str],
 }
 
-static PACKAGES: [Package; 8] = [
-    Package {
-        kind: "a map of SMAC or SMAClite",
-        prefixes: &["smaclite/", "smaclite:", "smaclite_", "smac/", "smac:", "smac_", "sc2/", "sc2:", "sc2_"],
-        names: &[
-            "1c3s5z",
-            "10m_vs_11m",
-            "25m",
-            "27m_vs_30m",
-            "2c_vs_64zg",
-            "2m_vs_1z",
-            "2s3z",
-            "2s_vs_1sc",
-            "3m",
-            "3s5z",
-            "3s5z_vs_3s6z",
-            "3s_vs_3z",
-            "3s_vs_4z",
-            "3s_vs_5z",
-            "5m_vs_6m",
-            "6h_vs_8z",
-            "8m",
-            "8m_vs_9m",
-            "bane_vs_bane",
-            "corridor",
-            "mmm",
-            "mmm2",
-            "so_many_baneling",
-            "smac",
-            "smaclite",
-            "sc2",
-        ],
-    },
+static PACKAGES: [Package; 7] = [
     Package {
         kind: "a task of SMACv2",
         prefixes: &[

@@ -1,9 +1,9 @@
 //! The families of worlds, as [`crate::task`] uses them.
 
-use crate::{lbf, mpe, rware, Opponent, World};
+use crate::{lbf, mpe, rware, smaclite, Opponent, World};
 
 /// All families. A new family is added here.
-pub static FAMILIES: [&Family; 3] = [&lbf::FAMILY, &rware::FAMILY, &mpe::FAMILY];
+pub static FAMILIES: [&Family; 4] = [&lbf::FAMILY, &rware::FAMILY, &mpe::FAMILY, &smaclite::FAMILY];
 
 /// A family of tasks that share a world and a form of names.
 #[derive(Debug)]

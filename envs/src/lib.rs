@@ -32,10 +32,11 @@ pub mod lbf;
 pub mod mpe;
 pub mod replay;
 pub mod rware;
+pub mod smaclite;
 
 pub use family::{Family, Made, Refusal, Request, FAMILIES};
 pub use opponent::Opponent;
-pub use task::{task, tasks, Task, TaskInfo, UnknownTask};
+pub use task::{named_task_of_map, task, task_of_map, tasks, Task, TaskInfo, UnknownTask};
 pub use world::{End, Sizes, World};
 
 /// Compiles the world of the guide and runs its tests.

@@ -49,6 +49,10 @@ impl World for Padded {
         self.world.step(actions, rng, rewards)
     }
 
+    fn shares_reward(&self) -> bool {
+        self.world.shares_reward()
+    }
+
     fn observe(&self, agent: usize, out: &mut [f32]) {
         assert_eq!(out.len(), self.sizes.obs_size[agent], "one place per observed number");
         let (seen, padding) = out.split_at_mut(self.world.sizes().obs_size[agent]);
@@ -61,6 +65,10 @@ impl World for Padded {
         let (own, padding) = out.split_at_mut(self.world.sizes().n_actions[agent]);
         self.world.available(agent, own);
         padding.fill(0);
+    }
+
+    fn facts(&self, report: &mut dyn FnMut(&'static str, f64)) {
+        self.world.facts(report);
     }
 
     fn scene(&self) -> Scene {

@@ -1,11 +1,13 @@
 //! Tasks by name: the list of them, the meaning of a name, and the error for an unknown name.
 
 use std::fmt;
+use std::sync::Arc;
 
 use crate::elsewhere;
 use crate::family::{Family, Made, Refusal, Request, FAMILIES};
 use crate::padded::{needs_padding, Padded};
-use crate::{Opponent, Sizes, World};
+use crate::smaclite::{made_of_map, BadMap, MapError};
+use crate::{smaclite, Opponent, Sizes, World};
 
 /// A world with all of its parameters. [`task`] makes it, so it can always be played.
 pub struct Task {
@@ -14,6 +16,8 @@ pub struct Task {
     rules: &'static str,
     source: &'static str,
     opponent: Opponent,
+    /// The text of a map of the user's own.
+    map: Option<Arc<str>>,
     padded: bool,
     /// A world that has not been reset; `make` copies it.
     world: Box<dyn World>,
@@ -44,11 +48,28 @@ pub enum UnknownTask {
     NoSuchRules { name: String, found: String, known: String },
     #[error("task `{name}`: {why}")]
     Opponent { name: String, why: String },
+    #[error(transparent)]
+    Map(#[from] MapError),
+    #[error("the map is that of `{map}`, not of `{name}`")]
+    OtherMap { name: String, map: String },
 }
 
 /// The task of that name. Spellings of the reference packages are accepted, in any case.
 pub fn task(name: &str) -> Result<Task, UnknownTask> {
     Task::made(&Request { name, rules: None, opponent: &Opponent::Builtin })
+}
+
+/// The battle on a map of the user's own, from the text of its file (docs/spec/smaclite.md §1).
+pub fn task_of_map(text: &str) -> Result<Task, UnknownTask> {
+    Task::of_map(text.into(), None)
+}
+
+/// The same by its canonical name, which says the rules.
+pub fn named_task_of_map(name: &str, text: &str) -> Result<Task, UnknownTask> {
+    let task = task_of_map(text)?;
+    let mut all = task.family().rules.iter().filter_map(|rules| task.with_rules(rules).ok());
+    all.find(|task| task.name() == name)
+        .ok_or_else(|| UnknownTask::OtherMap { name: name.to_owned(), map: task.name().to_owned() })
 }
 
 /// The listed tasks. Families have more: see [`Family::form`].
@@ -79,17 +100,27 @@ impl Task {
         let Some((family, made)) = made else {
             return Err(UnknownTask::NoSuchTask { nearest: nearest(&name), name });
         };
-        let Made { name, rules, source, world } = made.map_err(|refusal| match refusal {
-            Refusal::Name(why) => UnknownTask::BadName { nearest: nearest(&name), name, why },
-            Refusal::Impossible(why) => match request.rules {
-                Some(rules) => UnknownTask::Impossible { name, why: format!("{why} (rules {rules})") },
-                None => UnknownTask::Impossible { name, why },
-            },
-            Refusal::Missing(why) => UnknownTask::Missing { name, why },
-            Refusal::Rules(found) => UnknownTask::NoSuchRules { name, found, known: family.rules.join(", ") },
-            Refusal::Opponent(why) => UnknownTask::Opponent { name, why },
+        let made = made.map_err(|refusal| refused(name, family, request.rules, refusal))?;
+        Ok(Task { opponent: request.opponent.clone(), ..Task::new(family, made) })
+    }
+
+    fn of_map(map: Arc<str>, rules: Option<&str>) -> Result<Task, UnknownTask> {
+        let family = &smaclite::FAMILY;
+        let made = made_of_map(&map, rules).map_err(|bad| match bad {
+            BadMap::Map(error) => UnknownTask::Map(error),
+            BadMap::Refused(refusal) => refused("smaclite".to_owned(), family, rules, refusal),
         })?;
-        Ok(Task { family, name, rules, source, opponent: request.opponent.clone(), padded: false, world })
+        Ok(Task { map: Some(map), ..Task::new(family, made) })
+    }
+
+    fn new(family: &'static Family, made: Made) -> Task {
+        let Made { name, rules, source, world } = made;
+        Task { family, name, rules, source, opponent: Opponent::Builtin, map: None, padded: false, world }
+    }
+
+    /// The text of the map that the task was made of, where it is not one that the program brings.
+    pub fn map(&self) -> Option<&str> {
+        self.map.as_deref()
     }
 
     /// The canonical name, the same for all spellings of one task.
@@ -118,12 +149,21 @@ impl Task {
 
     /// The same task under another version of the rules.
     pub fn with_rules(&self, version: &str) -> Result<Task, UnknownTask> {
+        if let Some(map) = &self.map {
+            return Task::of_map(map.clone(), Some(version));
+        }
         let request = Request { name: &self.name, rules: Some(version), opponent: &self.opponent };
         Task::made(&request).map(|task| task.padded_if(self.padded))
     }
 
     /// The same task with another opponent.
     pub fn with_opponent(&self, opponent: &Opponent) -> Result<Task, UnknownTask> {
+        if self.map.is_some() && *opponent == Opponent::Builtin {
+            return Ok(self.clone());
+        }
+        if self.map.is_some() {
+            return Err(refused(self.name.clone(), self.family, None, smaclite::no_opponent()));
+        }
         let request = Request { name: &self.name, rules: None, opponent };
         Task::made(&request).map(|task| task.padded_if(self.padded))
     }
@@ -156,9 +196,29 @@ impl Task {
     }
 }
 
+/// What somebody is told whose task cannot be made.
+fn refused(name: String, family: &Family, rules: Option<&str>, refusal: Refusal) -> UnknownTask {
+    match refusal {
+        Refusal::Name(why) => UnknownTask::BadName { nearest: nearest(&name), name, why },
+        Refusal::Impossible(why) => match rules {
+            Some(rules) => UnknownTask::Impossible { name, why: format!("{why} (rules {rules})") },
+            None => UnknownTask::Impossible { name, why },
+        },
+        Refusal::Missing(why) => UnknownTask::Missing { name, why },
+        Refusal::Rules(found) => UnknownTask::NoSuchRules { name, found, known: family.rules.join(", ") },
+        Refusal::Opponent(why) => UnknownTask::Opponent { name, why },
+    }
+}
+
 impl Clone for Task {
     fn clone(&self) -> Self {
-        Self { name: self.name.clone(), opponent: self.opponent.clone(), world: self.world.copy(), ..*self }
+        Self {
+            name: self.name.clone(),
+            opponent: self.opponent.clone(),
+            map: self.map.clone(),
+            world: self.world.copy(),
+            ..*self
+        }
     }
 }
 

@@ -28,6 +28,12 @@ pub trait World: Send {
     /// `rewards[agent]`. Worlds without randomness inside a step leave `rng` untouched.
     fn step(&mut self, actions: &[u16], rng: &mut dyn RngCore, rewards: &mut [f64]) -> End;
 
+    /// Whether the team earns one reward, which every agent is given: then that is the team's reward, not the sum over
+    /// its agents.
+    fn shares_reward(&self) -> bool {
+        false
+    }
+
     /// Writes the observation of `agent`; `out` has `sizes().obs_size[agent]` places and all are written.
     fn observe(&self, agent: usize, out: &mut [f32]);
 
@@ -37,6 +43,11 @@ pub trait World: Send {
         debug_assert!(agent < self.sizes().agents);
         out.fill(1);
     }
+
+    /// How the episode has gone so far, in the world's own words: each fact has a name, `battle_won`, and a finite
+    /// number. Metric rows have the mean of a fact over episodes as `battle_won_mean`, so names are of small letters,
+    /// digits and `_`; always the same ones, and those that say most come first.
+    fn facts(&self, _report: &mut dyn FnMut(&'static str, f64)) {}
 
     /// The picture of the present state.
     fn scene(&self) -> Scene;

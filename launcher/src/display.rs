@@ -7,6 +7,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use proto::config::Config;
 use proto::control::Metrics;
 
+use crate::summary::fact;
+
 /// Time between plain lines without a new test result.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
@@ -35,6 +37,8 @@ pub struct Display {
     first: Option<(u64, Instant)>,
     t_env: u64,
     test_return_mean: Option<f64>,
+    /// What the world reports of the last test, by name.
+    test_facts: Vec<(String, f64)>,
     scalars: Vec<Option<Metrics>>,
     bar: Option<ProgressBar>,
     show: Show,
@@ -69,6 +73,7 @@ impl Display {
             first: None,
             t_env: 0,
             test_return_mean: None,
+            test_facts: vec![],
             scalars: vec![None; config.world.agents as usize],
             bar,
             show,
@@ -92,6 +97,8 @@ impl Display {
                 let test = find(metrics, "test_return_mean");
                 new_test = test.is_some() && test != self.test_return_mean;
                 self.test_return_mean = test.or(self.test_return_mean);
+                let facts = metrics.scalars.iter().filter(|(name, _)| name != "test_return_mean");
+                self.test_facts = facts.cloned().collect();
             }
         }
         match &self.bar {
@@ -161,6 +168,7 @@ impl Display {
             format!("test return {test}"),
             self.algo.clone(),
         ];
+        parts.extend(self.test_facts.iter().map(|(name, mean)| format!("{} {}", fact(name), short(*mean))));
         parts
             .extend(self.learned().map(|(name, mean)| format!("{} {}", name.replace('_', " "), short(mean))));
         let fast = self.scalars.iter().flatten().next().and_then(|m| find(m, "fast_agent"));
@@ -260,6 +268,7 @@ mod tests {
             first: None,
             t_env: 0,
             test_return_mean: None,
+            test_facts: vec![],
             scalars: vec![None; agents],
             bar: None,
             show: Show::Nothing,

@@ -1,8 +1,10 @@
 //! `rondo eval`: plays episodes with a trained team and reports its returns.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use algos::learner::Choice;
+use env_server::Played;
 use process::Failure;
 use proto::config::{Learner, PolicyTest};
 use proto::exit;
@@ -83,6 +85,9 @@ struct Evaluation<'a> {
     /// Sample standard deviation (divisor `k - 1`) over the root of `k`; `None` for a single episode.
     return_stderr: Option<f64>,
     ep_length_mean: f64,
+    /// Means of what the world reports of an episode, by name.
+    #[serde(flatten)]
+    facts: BTreeMap<String, f64>,
     /// Each agent's own.
     agent_return_means: Vec<f64>,
     returns: Vec<f64>,
@@ -111,6 +116,7 @@ impl Eval {
             return_std: (squares / k).sqrt(),
             return_stderr: (k > 1.0).then(|| (squares / (k - 1.0)).sqrt() / k.sqrt()),
             ep_length_mean: mean(&mut worlds.played().map(|episode| episode.length as f64)),
+            facts: means_of_facts(worlds.played()),
             agent_return_means: (0..team.config.world.agents as usize)
                 .map(|agent| mean(&mut worlds.played().map(|episode| episode.returns[agent])))
                 .collect(),
@@ -126,6 +132,9 @@ impl Eval {
             println!("  not comparable   {why}");
         }
         println!("  ep_length_mean   {:.2}", evaluation.ep_length_mean);
+        for (name, mean) in &evaluation.facts {
+            println!("  {name:16} {mean:.4}");
+        }
         let own: Vec<_> = evaluation.agent_return_means.iter().map(|mean| format!("{mean:.4}")).collect();
         println!("  of each agent    {}", own.join(", "));
         println!("  episodes         {}, seed {}, actions: {actions}", evaluation.episodes, evaluation.seed);
@@ -143,4 +152,16 @@ impl Eval {
         }
         Ok(())
     }
+}
+
+/// Named as in metric rows.
+fn means_of_facts<'a>(played: impl Iterator<Item = Played<'a>>) -> BTreeMap<String, f64> {
+    let (mut sums, mut episodes) = (BTreeMap::new(), 0.0);
+    for episode in played {
+        episodes += 1.0;
+        for (name, value) in episode.facts {
+            *sums.entry(format!("{name}_mean")).or_insert(0.0) += value;
+        }
+    }
+    sums.into_iter().map(|(name, sum)| (name, sum / episodes)).collect()
 }

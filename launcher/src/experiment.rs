@@ -1,6 +1,6 @@
 //! From the command line to a complete configuration.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use envs::{Opponent, Task};
 use process::Failure;
@@ -53,6 +53,9 @@ pub struct Experiment {
     /// The opponent, in tasks that have one: builtin, random, still, or a file of weights
     #[arg(long, value_name = "WHO")]
     pub opponent: Option<String>,
+    /// A battle on a map of your own, in place of TASK: a file as described in docs/spec/smaclite.md
+    #[arg(long, value_name = "FILE")]
+    pub map: Option<PathBuf>,
     /// Reward that agents learn from: sum or mean of the team's rewards, or individual
     #[arg(long, value_name = "REWARD", default_value = "sum")]
     pub reward: String,
@@ -91,6 +94,7 @@ impl Experiment {
             envs: None,
             rules: None,
             opponent: None,
+            map: None,
             reward: Reward::Sum.as_str().to_owned(),
             pad: None,
             test_interval: None,
@@ -107,7 +111,10 @@ impl Experiment {
     /// All mistakes, in one message.
     pub fn configure(&self, run: &str) -> Result<Config, Failure> {
         let usage = |error: &dyn std::fmt::Display| Failure::new(exit::CONFIG, error);
-        let mut task = envs::task(&self.task).map_err(|e| usage(&e))?;
+        let mut task = match &self.map {
+            None => envs::task(&self.task).map_err(|e| usage(&e))?,
+            Some(file) => self.task_of_map(file)?,
+        };
         let paper_rules = self.paper.then_some(task.family().paper_rules);
         if let Some(rules) = self.rules.as_deref().or(paper_rules) {
             task = task.with_rules(rules).map_err(|e| usage(&e))?;
@@ -131,6 +138,7 @@ impl Experiment {
         let mut config = presets::config(run, task.name(), agents, name, family);
         config.seed = self.seed;
         presets::apply_profile(&mut config, profile, family);
+        config.world.map = task.map().map(str::to_owned);
         config.world.opponent = opponent.name;
         config.world.reward = named::<Reward>(&self.reward, "reward", &Reward::ALL.map(Reward::as_str))?;
         config.world.pad = self.pad.unwrap_or(self.paper);
@@ -157,6 +165,22 @@ impl Experiment {
         let config = set(&config)?;
         env_server::check_transport(&config, &task)?;
         Ok(config)
+    }
+
+    /// The battle on the map in a file. TASK is the default then, or the same task.
+    fn task_of_map(&self, file: &Path) -> Result<Task, Failure> {
+        let task = read_map(file)?;
+        let is_family = self.task.eq_ignore_ascii_case(task.family().name);
+        if self.task == DEFAULT_TASK || is_family || self.task.eq_ignore_ascii_case(task.name()) {
+            return Ok(task);
+        }
+        let text = format!(
+            "`--map {}` is the task `{}`, and the command line has the task `{}`: give one of them",
+            file.display(),
+            task.name(),
+            self.task
+        );
+        Err(Failure::new(exit::CONFIG, text))
     }
 
     /// The world of a complete configuration. Weights of an opponent are not in a run folder yet, and have been read.
@@ -221,6 +245,18 @@ impl Experiment {
             }
         }
     }
+}
+
+/// The task of a map's file.
+///
+/// # Errors
+/// If the file cannot be read, or holds no map that can be played: with the line.
+pub fn read_map(file: &Path) -> Result<Task, Failure> {
+    let text = std::fs::read_to_string(file).map_err(|error| {
+        Failure::new(exit::IO, format!("`--map {}`: cannot read the file: {error}", file.display()))
+    })?;
+    envs::task_of_map(&text)
+        .map_err(|error| Failure::new(exit::CONFIG, format!("`--map {}`: {error}", file.display())))
 }
 
 /// An opponent from the command line.

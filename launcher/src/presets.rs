@@ -9,7 +9,8 @@ use proto::presets::{self, Family};
 pub struct Presets {}
 
 /// The families whose worlds Rondo has, and the prefixes of their tasks' names.
-const FAMILIES: [(Family, &str); 3] = [(Family::Lbf, "lbf"), (Family::Rware, "rware"), (Family::Mpe, "mpe")];
+const FAMILIES: [(Family, &str); 4] =
+    [(Family::Lbf, "lbf"), (Family::Rware, "rware"), (Family::Mpe, "mpe"), (Family::Smac, "smaclite")];
 
 impl Presets {
     pub fn run(&self) -> Result<(), Failure> {
@@ -75,8 +76,8 @@ fn table(title: &str, name: AlgoName) -> String {
     rows.concat()
 }
 
-fn row(setting: &str, [lbf, rware, mpe]: [String; 3], source: &str) -> String {
-    format!("{setting:24}{lbf:>10}{rware:>10}{mpe:>10}   {source}\n")
+fn row(setting: &str, [lbf, rware, mpe, smaclite]: [String; 4], source: &str) -> String {
+    format!("{setting:24}{lbf:>10}{rware:>10}{mpe:>10}{smaclite:>13}   {source}\n")
 }
 
 fn standardisation(config: &Config) -> &'static str {
@@ -129,16 +130,16 @@ mod tests {
     fn the_table_has_the_papers_numbers() {
         let text = text();
         for line in [
-            "hidden                         128       128       128   paper, appendix",
-            "hidden                          64        64       128   paper, appendix",
-            "network                        gru        fc        fc   paper, appendix",
-            "n_step                           5        10        10   paper, appendix",
-            "target_update                  200      0.01      0.01   paper, appendix",
-            "t_max                         20 M      40 M      20 M   benchmark",
-            "t_max                          2 M       4 M       2 M   benchmark",
-            "rates, centre                 3e-4      5e-4      5e-4   paper, appendix",
-            "rules                           v2        v1      2021   by date of the paper",
-            "end_of_batch               correct   correct   correct   our choice: by EPyMARL's, teams unlearn",
+            "hidden                         128       128       128           64   paper, appendix",
+            "hidden                          64        64       128           64   paper, appendix",
+            "network                        gru        fc        fc           fc   paper, appendix",
+            "n_step                           5        10        10           10   paper, appendix",
+            "target_update                  200      0.01      0.01         0.01   paper, appendix",
+            "t_max                         20 M      40 M      20 M         40 M   benchmark",
+            "t_max                          2 M       4 M       2 M          4 M   benchmark",
+            "rates, centre                 3e-4      5e-4      5e-4         5e-4   paper, appendix",
+            "rules                           v2        v1      2021  smac-limits   by date of the paper",
+            "end_of_batch               correct   correct   correct      correct   our choice: by EPyMARL's, teams unlearn",
         ] {
             assert!(text.contains(line), "{line}\nis not in\n{text}");
         }

@@ -25,6 +25,9 @@ pub struct Summary {
     pub update_calls: u64,
     pub test_return_mean: Option<f64>,
     pub best_test_return_mean: Option<f64>,
+    /// What the world reports of the episodes of the last test, by the names of metric rows.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub test_facts: BTreeMap<String, f64>,
     /// Why these returns do not compare with published tables, if a reader could compare them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub not_comparable: Option<String>,
@@ -77,6 +80,7 @@ pub fn collect(folder: &RunFolder, config: &Config, start: SystemTime) -> Result
         update_calls: roles.get("agent-0").and_then(|role| role["update_calls"].as_u64()).unwrap_or(0),
         test_return_mean: world["test_return_mean"].as_f64(),
         best_test_return_mean: world["best_test_return_mean"].as_f64(),
+        test_facts: serde_json::from_value(world["test_facts"].clone()).unwrap_or_default(),
         not_comparable: notes::opponent(config),
         wall_seconds: start.elapsed().unwrap_or_default().as_secs_f64(),
         start_seconds: world["first_step_at"]
@@ -106,6 +110,12 @@ impl Summary {
     }
 }
 
+/// A fact for people, by its name in metric rows: `battle won` for `test_battle_won_mean`.
+pub fn fact(name: &str) -> String {
+    let name = name.strip_prefix("test_").unwrap_or(name);
+    name.strip_suffix("_mean").unwrap_or(name).replace('_', " ")
+}
+
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let number = |x: Option<f64>| x.map_or("–".to_owned(), |x| format!("{x:.4}"));
@@ -116,6 +126,10 @@ impl fmt::Display for Summary {
             number(self.test_return_mean),
             number(self.best_test_return_mean)
         )?;
+        if !self.test_facts.is_empty() {
+            let facts = self.test_facts.iter().map(|(name, mean)| format!("{} {mean:.3}", fact(name)));
+            writeln!(f, "  in that test     {}", facts.collect::<Vec<_>>().join(", "))?;
+        }
         if let Some(why) = &self.not_comparable {
             writeln!(f, "  not comparable   {why}")?;
         }

@@ -50,6 +50,10 @@ pub struct Config {
 pub struct World {
     /// Canonical name of the task, the version of its rules included; opaque here.
     pub task: String,
+    /// The text of the map's file, where the task is a battle on a map of the user's own; opaque here. So every role
+    /// has it, and a run that goes on does so on the same map.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<String>,
     /// Agents in the team.
     pub agents: u32,
     /// Environment copies. Each plays one episode of a round (algorithms §2.3): with PPO these are the episodes of a

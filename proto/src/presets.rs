@@ -27,7 +27,7 @@ impl Family {
         match name {
             "rware" => Self::Rware,
             "mpe" => Self::Mpe,
-            "smac" => Self::Smac,
+            "smaclite" => Self::Smac,
             _ => Self::Lbf,
         }
     }
@@ -275,6 +275,7 @@ pub fn config(run: &str, task: &str, agents: u32, name: AlgoName, family: Family
             task: task.to_owned(),
             agents,
             copies,
+            map: None,
             opponent: "builtin".to_owned(),
             pad: false,
             reward: Reward::Sum,

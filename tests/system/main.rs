@@ -7,6 +7,7 @@ mod cluster;
 
 mod bad_choices;
 mod bad_input;
+mod battles;
 mod determinism;
 mod diverging;
 mod faults;

@@ -57,6 +57,11 @@ fn speaker_and_listener_learn_with_every_algorithm() {
 }
 
 #[test]
+fn battles_are_learned_in_with_every_algorithm() {
+    is_learned_in(&["smaclite-3m"], 3);
+}
+
+#[test]
 fn teams_with_an_opponent_learn_with_every_algorithm() {
     is_learned_in(&["mpe-simple-tag", "--opponent=random"], 3);
     is_learned_in(&["mpe-simple-adversary", "--opponent=still"], 2);

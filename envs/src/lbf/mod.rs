@@ -95,6 +95,9 @@ pub struct Foraging {
     /// Food level by cell; one cell of [`WALL`] around the grid.
     field: Vec<u16>,
     level_sum_at_reset: u32,
+    /// Since the start of the episode.
+    items_collected: u32,
+    levels_collected: u32,
     step: u32,
     /// The actions of the last step, with [`NONE`] for invalid ones.
     effective: Vec<u16>,
@@ -129,6 +132,8 @@ impl Foraging {
             named_by: vec![0; field.len()],
             field,
             level_sum_at_reset: 0,
+            items_collected: 0,
+            levels_collected: 0,
             step: 0,
             effective: vec![NONE; agents],
             earned: vec![0.0; agents],
@@ -245,6 +250,8 @@ impl Foraging {
                 self.named[i] = NO_LOADER;
             }
             if eaten {
+                self.items_collected += 1;
+                self.levels_collected += food_level as u32;
                 self.remove_food(food);
             }
         }
@@ -311,6 +318,11 @@ impl World for Foraging {
         let others = before.iter().chain(after).filter(seen);
         let players = std::iter::once(&me).chain(others);
         fill(player_slots, players.map(|p| (p.row - top, p.col - left, p.level)));
+    }
+
+    fn facts(&self, report: &mut dyn FnMut(&'static str, f64)) {
+        report("items_collected", f64::from(self.items_collected));
+        report("levels_collected", f64::from(self.levels_collected));
     }
 
     fn scene(&self) -> Scene {

@@ -18,6 +18,7 @@ impl Foraging {
         self.place_foods(rng);
         self.level_sum_at_reset = self.foods.iter().map(|food| u32::from(food.level)).sum();
         self.step = 0;
+        (self.items_collected, self.levels_collected) = (0, 0);
         self.effective.fill(super::NONE);
         self.earned.fill(0.0);
     }

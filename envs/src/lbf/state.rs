@@ -70,6 +70,7 @@ impl Foraging {
         self.players.copy_from_slice(&state.players);
         self.level_sum_at_reset = state.food_level_sum_at_reset;
         self.step = state.step;
+        (self.items_collected, self.levels_collected) = (0, 0);
         self.effective.fill(super::NONE);
         self.earned.fill(0.0);
         Ok(())

@@ -4,7 +4,7 @@
 use rand::RngCore;
 
 use super::game::{EPISODE_LIMIT, MAX_AGENTS, WORDS};
-use super::physics::{contact_force, integrate, Particle};
+use super::physics::{contact_force, distance, integrate, Particle};
 use super::{Game, Rules};
 use crate::draw::below;
 use crate::scene::Scene;
@@ -24,6 +24,8 @@ pub struct Particles {
     /// The speaker's word in the last step.
     pub(super) said: Option<usize>,
     pub(super) step: u32,
+    /// Since the start of the episode: pairs of agents that touched, counted once in each step.
+    pub(super) collisions: u32,
 }
 
 impl Particles {
@@ -44,6 +46,7 @@ impl Particles {
             goal: 0,
             said: None,
             step: 0,
+            collisions: 0,
             sizes,
         }
     }
@@ -60,6 +63,7 @@ impl Particles {
         } else {
             self.speak(actions);
             self.push(actions);
+            self.count_collisions();
             self.reward(rewards);
         }
         if over {
@@ -74,6 +78,16 @@ impl Particles {
         if self.game.layout().speaks(0) {
             let word = usize::from(actions[0]);
             self.said = (word < WORDS).then_some(word);
+        }
+    }
+
+    fn count_collisions(&mut self) {
+        let bodies = self.game.layout().agents;
+        for (a, body) in bodies.iter().enumerate().filter(|(_, body)| body.collides) {
+            for (b, other) in bodies.iter().enumerate().skip(a + 1).filter(|(_, body)| body.collides) {
+                let apart = distance(self.agents[a].pos, self.agents[b].pos);
+                self.collisions += u32::from(apart < body.radius + other.radius);
+            }
         }
     }
 
@@ -130,7 +144,7 @@ impl World for Particles {
         for landmark in &mut self.landmarks {
             *landmark = [uniform(rng, layout.spread), uniform(rng, layout.spread)];
         }
-        (self.said, self.step) = (None, 0);
+        (self.said, self.step, self.collisions) = (None, 0, 0);
     }
 
     fn step(&mut self, actions: &[u16], _: &mut dyn RngCore, rewards: &mut [f64]) -> End {
@@ -139,6 +153,25 @@ impl World for Particles {
 
     fn observe(&self, agent: usize, out: &mut [f32]) {
         self.view(agent, out);
+    }
+
+    fn facts(&self, report: &mut dyn FnMut(&'static str, f64)) {
+        let place = |agent: usize| self.agents[agent].pos;
+        let goal = self.landmarks[self.goal];
+        let nearest = |from: std::ops::Range<usize>, to: [f64; 2]| {
+            from.map(|agent| distance(place(agent), to)).fold(f64::INFINITY, f64::min)
+        };
+        match self.game {
+            Game::SpeakerListener => report("goal_distance", nearest(1..2, goal)),
+            Game::Adversary => {
+                report("goal_distance", nearest(1..3, goal));
+                report("adversary_goal_distance", nearest(0..1, goal));
+            }
+            Game::Tag => {
+                report("collisions", f64::from(self.collisions));
+                report("prey_distance", nearest(0..3, place(3)));
+            }
+        }
     }
 
     fn scene(&self) -> Scene {

@@ -76,7 +76,7 @@ impl Particles {
         }
         self.landmarks.copy_from_slice(&state.landmarks);
         self.goal = state.goal_landmark.unwrap_or(0);
-        (self.said, self.step) = (said, state.step);
+        (self.said, self.step, self.collisions) = (said, state.step, 0);
         Ok(())
     }
 

@@ -116,6 +116,10 @@ impl World for Team {
         self.particles.view(self.particles.game.layout().team.start + agent, out);
     }
 
+    fn facts(&self, report: &mut dyn FnMut(&'static str, f64)) {
+        self.particles.facts(report);
+    }
+
     fn scene(&self) -> Scene {
         self.particles.draw()
     }

@@ -5,7 +5,7 @@ use std::fmt::Debug;
 use super::Mismatch;
 
 /// The differences so far, and the present place in the trace.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Findings {
     pub line: u64,
     pub episode: u64,
@@ -69,11 +69,28 @@ impl Findings {
         }
     }
 
+    /// Numbers that may differ by `tolerance`, however large they are.
+    pub fn within(&mut self, field: &str, expected: &[f64], found: &[f64], tolerance: f64) {
+        debug_assert_eq!(expected.len(), found.len());
+        for (k, (expected, found)) in expected.iter().zip(found).enumerate() {
+            let near = (expected - found).abs() <= tolerance;
+            if !near {
+                self.differs(|| format!("{field}[{k}]"), expected, found);
+            }
+        }
+    }
+
     /// Two values that are compared as a whole.
     pub fn whole<T: PartialEq + Debug>(&mut self, field: impl Fn() -> String, expected: &T, found: &T) {
         if expected != found {
             self.differs(field, expected, found);
         }
+    }
+
+    /// Takes in what was found elsewhere.
+    pub fn add(&mut self, other: Findings) {
+        self.mismatches += other.mismatches;
+        self.first = self.first.take().or(other.first);
     }
 
     fn differs(&mut self, field: impl Fn() -> String, expected: &dyn Debug, found: &dyn Debug) {

@@ -17,6 +17,11 @@ pub(super) trait Episodes {
 
     fn reset(&mut self, reset: &Self::Reset, trace: &mut Trace) -> Result<(), Damage>;
     fn step(&mut self, step: &Self::Step, trace: &mut Trace) -> Result<(), Damage>;
+
+    /// Steps whose differences do not count.
+    fn excused(&mut self, _: &mut Findings) -> u64 {
+        0
+    }
 }
 
 /// Plays the records after the header.
@@ -41,8 +46,9 @@ pub(super) fn play<R: BufRead, E: Episodes>(
         return Err(lines.damaged("expected an episode, found the end of the file"));
     }
     trace.check_over().map_err(|what| lines.damaged(what))?;
+    let excused = family.excused(&mut trace.findings);
     let Findings { mismatches, first, .. } = trace.findings;
-    Ok(Report { task, episodes, steps, mismatches, first })
+    Ok(Report { task, episodes, steps, mismatches, first, excused })
 }
 
 /// The present place in a trace, and the results so far.
@@ -161,12 +167,16 @@ impl Trace {
         findings.value("epymarl.reward", &recorded.epymarl.reward, &reward);
         findings.value("epymarl.terminated", &recorded.epymarl.terminated, &terminated);
         findings.value("epymarl.truncated", &recorded.epymarl.truncated, &truncated);
-        self.progress =
-            match (terminated || truncated, recorded.terminated || recorded.truncated || truncated) {
-                (true, true) => Progress::Over,
-                (false, false) => Progress::Running,
-                _ => Progress::Disputed,
-            };
+        self.settle(terminated || truncated, recorded.terminated || recorded.truncated || truncated);
+    }
+
+    /// Notes whether the episode is over, by what came out here and by the record.
+    pub fn settle(&mut self, found: bool, recorded: bool) {
+        self.progress = match (found, recorded) {
+            (true, true) => Progress::Over,
+            (false, false) => Progress::Running,
+            _ => Progress::Disputed,
+        };
     }
 }
 
@@ -192,6 +202,11 @@ impl RecordedSizes<'_> {
     /// Checks that the header's redundant numbers agree with the task. All agents are the team's and have the same
     /// sizes.
     pub fn check(&self, sizes: &Sizes) -> Result<(), Damage> {
+        self.check_with_state(sizes, sizes.agents * sizes.obs_size[0])
+    }
+
+    /// The same for a task whose shared state is not what all agents see together.
+    pub fn check_with_state(&self, sizes: &Sizes, state_size: usize) -> Result<(), Damage> {
         let epymarl = self.epymarl;
         let (agents, obs_size, n_actions) = (sizes.agents, sizes.obs_size[0], sizes.n_actions[0]);
         check_length("agents", agents, self.agents.len())?;
@@ -201,7 +216,7 @@ impl RecordedSizes<'_> {
         check_same("epymarl.n_agents", &agents, &epymarl.n_agents)?;
         check_same("epymarl.obs_size", &obs_size, &epymarl.obs_size)?;
         check_same("epymarl.n_actions", &n_actions, &epymarl.n_actions)?;
-        check_same("epymarl.state_size", &(agents * obs_size), &epymarl.state_size)?;
+        check_same("epymarl.state_size", &state_size, &epymarl.state_size)?;
         check_same("epymarl.episode_limit", &self.episode_limit, &epymarl.episode_limit)
     }
 }

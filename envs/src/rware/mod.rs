@@ -321,6 +321,10 @@ impl World for Warehouse {
         self.floor.look(self.floor.cell((x, y)), around);
     }
 
+    fn facts(&self, report: &mut dyn FnMut(&'static str, f64)) {
+        report("deliveries", f64::from(self.deliveries));
+    }
+
     fn scene(&self) -> Scene {
         self.draw()
     }

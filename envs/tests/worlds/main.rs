@@ -1,5 +1,9 @@
 //! The worlds from outside: against the rules worked out by hand, against chance, and against the reference.
 
+mod battle_maps;
+mod battle_policies;
+mod battle_spoilt;
+mod battle_traces;
 mod conformance;
 mod foraging_starts;
 mod foraging_steps;

@@ -219,6 +219,6 @@ fn a_trace_of_another_family_is_named() {
     assert!(matches!(error, ReplayError::Unsupported { .. }));
     assert_eq!(
         error.to_string(),
-        "trace is a trace of `chess` (task `chess-8x8`), which cannot be replayed; lbf, rware and mpe can"
+        "trace is a trace of `chess` (task `chess-8x8`), which cannot be replayed; lbf, rware, mpe and smaclite can"
     );
 }

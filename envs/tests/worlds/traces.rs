@@ -35,6 +35,11 @@ pub fn warehouse(folder: &Path) -> Vec<PathBuf> {
     of_family(folder, "rware-")
 }
 
+/// The battles of a folder, by name.
+pub fn battles(folder: &Path) -> Vec<PathBuf> {
+    of_family(folder, "smaclite-")
+}
+
 fn of_family(folder: &Path, prefix: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder)
         .unwrap_or_else(|error| panic!("cannot read the folder {}: {error}", folder.display()));

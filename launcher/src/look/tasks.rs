@@ -10,6 +10,7 @@ use process::Failure;
 use proto::exit;
 
 use super::unusable;
+use crate::experiment::read_map;
 
 /// Width of text in letters.
 const COLUMNS: usize = 100;
@@ -24,21 +25,28 @@ const MOST_ROWS: u16 = 40;
 
 /// List the tasks, or explain one
 #[derive(Debug, Clone, clap::Args)]
+#[command(group = clap::ArgGroup::new("which").args(["task", "map"]))]
 pub struct Tasks {
     /// The task to explain, for example lbf-8x8-2p-2f-coop
     task: Option<String>,
+    /// A battle on a map of your own to explain instead
+    #[arg(long, value_name = "FILE", conflicts_with = "task")]
+    map: Option<PathBuf>,
     /// Draw the start of an episode into this file, .png or .svg, instead of the terminal
-    #[arg(long, value_name = "FILE", requires = "task")]
+    #[arg(long, value_name = "FILE", requires = "which")]
     out: Option<PathBuf>,
 }
 
 impl Tasks {
     pub fn run(&self) -> Result<(), Failure> {
-        let Some(name) = &self.task else {
-            print!("{}", table());
-            return Ok(());
+        let task = match (&self.task, &self.map) {
+            (Some(name), _) => envs::task(name).map_err(|error| Failure::new(exit::CONFIG, error))?,
+            (None, Some(file)) => read_map(file)?,
+            (None, None) => {
+                print!("{}", table());
+                return Ok(());
+            }
         };
-        let task = envs::task(name).map_err(|error| Failure::new(exit::CONFIG, error))?;
         let Some(out) = &self.out else {
             print!("{}", explanation(&task));
             return draw_in_terminal(&task);

@@ -8,6 +8,9 @@ use super::Config;
 /// what is learned.
 pub const MAY_CHANGE: [&str; 4] = ["t_max", "save.interval", "log.interval", "bus.low_latency"];
 
+/// Longer values are not shown.
+const LONGEST: usize = 200;
+
 /// One key with two values, as in the TOML file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
@@ -21,7 +24,12 @@ pub struct Difference {
 
 impl fmt::Display for Difference {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let value = |value: &Option<String>| value.clone().unwrap_or_else(|| "not set".to_owned());
+        let value = |value: &Option<String>| match value {
+            // The text of a map, which fills a screen.
+            Some(value) if value.len() > LONGEST => "a long text".to_owned(),
+            Some(value) => value.clone(),
+            None => "not set".to_owned(),
+        };
         write!(f, "`{}` is {} and was {}", self.key, value(&self.now), value(&self.before))
     }
 }
@@ -104,6 +112,8 @@ mod tests {
             .unwrap()
             .starts_with("`ppo.entropy_coef` is 0.5 and was"));
         assert!(text(|c| c.t_max -= 1).unwrap().starts_with("`t_max` is "));
+        let map = text(|c| c.world.map = Some("x".repeat(300))).unwrap();
+        assert_eq!(map, "`world.map` is a long text and was not set");
         assert!(text(|c| c.ppo = None).unwrap().contains("is not set and was"));
     }
 }

@@ -24,5 +24,8 @@ pub const MAX_TASK_NAME: usize = 256;
 /// The longest name of an opponent, in bytes: a digest has 64.
 pub const MAX_OPPONENT: usize = 64;
 
+/// The longest text of a map, in bytes: a hundred times those that come with the program.
+pub const MAX_MAP: usize = 65_536;
+
 /// Two hundred times the published 5,000 (algorithms §5.1).
 pub const MAX_BUFFER: u32 = 1_000_000;

@@ -117,7 +117,8 @@ fn dotted(section: &str, key: &str) -> String {
 /// structs.
 fn known_keys() -> Table {
     let ppo = presets::config("example", "example", 2, AlgoName::Ippo, Family::Lbf);
-    let example = Config { q: Some(presets::q_defaults()), ..ppo };
+    let mut example = Config { q: Some(presets::q_defaults()), ..ppo };
+    example.world.map = Some(String::new());
     Table::try_from(example).expect("the preset holds plain values only")
 }
 

@@ -1,8 +1,8 @@
 //! Checks of a configuration that its types cannot express; all mistakes are reported together.
 
 use super::limits::{
-    MAX_AGENTS, MAX_BUFFER, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_LEVELS, MAX_OPPONENT, MAX_TASK_NAME,
-    MAX_TEST_EPISODES,
+    MAX_AGENTS, MAX_BUFFER, MAX_COPIES, MAX_EPOCHS, MAX_HIDDEN, MAX_LEVELS, MAX_MAP, MAX_OPPONENT,
+    MAX_TASK_NAME, MAX_TEST_EPISODES,
 };
 use super::{
     Algo, AlgoName, ClipScope, Config, ConfigError, Learner, Period, Ppo, QLearning, Schedule, SwitchUnit,
@@ -76,6 +76,9 @@ impl World {
         if self.task.is_empty() || self.task.len() > MAX_TASK_NAME || self.task.chars().any(char::is_control)
         {
             mistakes.add(format!("`world.task`: expected a name of 1 to {MAX_TASK_NAME} printable bytes"));
+        }
+        if self.map.as_ref().is_some_and(|map| map.is_empty() || map.len() > MAX_MAP) {
+            mistakes.add(format!("`world.map`: expected the text of a map, 1 to {MAX_MAP} bytes"));
         }
         mistakes.within("world.agents", self.agents, MAX_AGENTS);
         mistakes.within("world.copies", self.copies, MAX_COPIES);
