@@ -59,7 +59,7 @@ pub fn task(name: &str) -> Result<Task, UnknownTask> {
     Task::made(&Request { name, rules: None, opponent: &Opponent::Builtin })
 }
 
-/// The battle on a map of the user's own, from the text of its file (docs/spec/smaclite.md §1).
+/// The battle on a map of the user's own, from the text of its file (smaclite §1).
 pub fn task_of_map(text: &str) -> Result<Task, UnknownTask> {
     Task::of_map(text.into(), None)
 }

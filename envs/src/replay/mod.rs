@@ -34,8 +34,8 @@ pub struct Report {
     /// Values that differ. An episode continues from its own state, so one cause may count several times.
     pub mismatches: u64,
     pub first: Option<Mismatch>,
-    /// Steps that differ and are not counted above, because bodies touch to the last bit: see docs/spec/smaclite.md
-    /// §11. Battles alone have them.
+    /// Steps that differ and are not counted above, because bodies touch to the last bit (smaclite §11). Only battles
+    /// have them.
     pub excused: u64,
 }
 

@@ -3,7 +3,7 @@
 //!
 //! Positions are single precision, and where bodies touch to the last bit one unit in the last place decides which way
 //! they turn. The reference's own re-implementations differ there too, so up to 1 step in 200 is excused whose
-//! positions differ a little (docs/spec/smaclite.md §11); one that differs otherwise is not.
+//! positions differ a little (smaclite §11); one that differs otherwise is not.
 
 use std::collections::BTreeMap;
 use std::io::BufRead;

@@ -288,7 +288,7 @@ impl Battle {
         self.max_radius
     }
 
-    /// Spec §3: everybody in formation, unhurt.
+    /// smaclite §3: everybody in formation, unhurt.
     fn begin(&mut self) {
         self.units.clear();
         for (unit, placed) in self.map.units.iter().enumerate() {

@@ -26,7 +26,7 @@ impl Battle {
         earned
     }
 
-    /// Spec §5.6.
+    /// smaclite §5.6.
     pub(super) fn bury(&mut self) {
         for unit in self.living {
             if self.units[unit].health <= 0.0 {
@@ -48,7 +48,7 @@ impl Battle {
         self.scratch.crowd.fill(self.living.into_iter().map(|unit| (unit, units[unit].at)));
     }
 
-    /// Spec §5.1.
+    /// smaclite §5.1.
     fn drop_targets(&mut self) {
         for unit in self.living {
             let target = self.units[unit].target;
@@ -64,7 +64,7 @@ impl Battle {
         }
     }
 
-    /// Spec §5.
+    /// smaclite §5.
     fn is_in_range(&self, unit: usize, other: usize) -> bool {
         let way = towards(self.units[unit].at, self.units[other].at);
         let (own, its) = (&self.facts[unit], &self.facts[other]);
@@ -83,7 +83,7 @@ impl Battle {
             .filter(move |&(_, distance)| distance <= reach)
     }
 
-    /// Spec §5.2 and §5.3. Where everybody stands does not change here, so candidates are looked up when a unit
+    /// smaclite §5.2 and §5.3. Where everybody stands does not change here, so candidates are looked up when a unit
     /// needs them.
     fn want_velocities(&mut self) {
         let has_target = |unit: &usize| self.units[*unit].target.is_some();
@@ -192,7 +192,7 @@ impl Battle {
         speed * way(towards(self.units[unit].at, self.units[other].at))
     }
 
-    /// Spec §5.4: the new velocities of all, from the same places and the velocities before.
+    /// smaclite §5.4: the new velocities of all, from the same places and the velocities before.
     pub(super) fn avoid(&mut self) {
         let (mut planes, mut more_planes) = self.take_planes();
         for unit in self.living {
@@ -212,7 +212,7 @@ impl Battle {
         (self.scratch.planes, self.scratch.more_planes) = (planes, more_planes);
     }
 
-    /// Spec §6.
+    /// smaclite §6.
     fn keep_off_walls(&self, unit: usize, planes: &mut Vec<HalfPlane>) {
         let (own, facts) = (&self.units[unit], &self.facts[unit]);
         let body = Body { at: own.place(), velocity: own.velocity, radius: facts.radius };
@@ -221,7 +221,7 @@ impl Battle {
         }
     }
 
-    /// Spec §7.
+    /// smaclite §7.
     fn keep_off_others(&self, unit: usize, planes: &mut Vec<HalfPlane>) {
         let (own, facts) = (&self.units[unit], &self.facts[unit]);
         let reach = self.max_radius + facts.radius;
@@ -243,7 +243,7 @@ impl Battle {
         }
     }
 
-    /// Spec §5.5: what one unit does in this tick, and what that earns.
+    /// smaclite §5.5: what one unit does in this tick, and what that earns.
     pub(super) fn act(&mut self, unit: usize) -> f64 {
         let facts = &self.facts[unit];
         let kind = &self.map.kinds[facts.kind].1;

@@ -44,7 +44,7 @@ impl Writer<'_> {
 }
 
 impl Battle {
-    /// Spec §4: whether an agent may choose an action now.
+    /// smaclite §4: whether an agent may choose an action now.
     pub(super) fn is_available(&self, agent: usize, action: u16) -> bool {
         if !self.living.contains(agent) {
             return action == NOOP;

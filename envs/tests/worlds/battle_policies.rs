@@ -20,7 +20,7 @@ use crate::traces::excerpts;
 const BATTLES: u64 = 60;
 
 /// Starts differ by so much: where bodies touch, the last bit of a place decides on which side they pass each other
-/// (docs/spec/smaclite.md §11), and the reference computes its first tick in single precision.
+/// (smaclite §11), and the reference computes its first tick in single precision.
 const JITTER: f64 = 1e-5;
 
 #[derive(Deserialize)]

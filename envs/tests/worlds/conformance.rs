@@ -29,7 +29,7 @@ fn other_chance_is_another_episode() {
             let mut rewards = vec![0.0; info.sizes.agents];
             let mut seen = vec![vec![0.0; info.sizes.obs_size[0]]];
             world.observe(0, &mut seen[0]);
-            for _ in 0..40 {
+            for _ in 0..200 {
                 let last_available = |agent: usize| {
                     let mut mask = vec![0; info.sizes.n_actions[agent]];
                     world.available(agent, &mut mask);

@@ -89,7 +89,7 @@ fn extreme_values_survive_the_file() {
 
 #[test]
 fn the_digest_changes_with_every_key() {
-    let changes: [fn(&mut Config); 47] = [
+    let changes: [fn(&mut Config); 48] = [
         |c| c.run.push('x'),
         |c| c.seed += 1,
         |c| c.t_max += 1,
@@ -97,6 +97,7 @@ fn the_digest_changes_with_every_key() {
         |c| c.world.agents += 1,
         |c| c.world.copies += 1,
         |c| c.world.opponent = "random".to_owned(),
+        |c| c.world.map = Some("name = \"m\"".to_owned()),
         |c| c.world.pad = true,
         |c| c.world.reward = Reward::Mean,
         |c| c.algo.name = AlgoName::Sppo,
