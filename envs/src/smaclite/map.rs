@@ -285,12 +285,7 @@ fn compile(file: File) -> Result<Map, Mistake> {
         rectangles: file.blocked.iter().map(|wall| *wall.get_ref()).collect(),
         attack,
     };
-    let map = Map {
-        note: file.note,
-        limit,
-        smac_limit,
-        ..assemble(name, ground, &units, kind_of)
-    };
+    let map = Map { note: file.note, limit, smac_limit, ..assemble(name, ground, &units, kind_of) };
     match map.first_in_the_way() {
         None => Ok(map),
         Some((unit, problem)) => {

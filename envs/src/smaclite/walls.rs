@@ -79,7 +79,7 @@ impl Wall {
         }
 
         // Where the edge is seen from its end, it is one corner.
-        let one_corner = (s < 0.0 || s > 1.0) && aside <= r2;
+        let one_corner = !(0.0..=1.0).contains(&s) && aside <= r2;
         let (start, end) = match (one_corner, s < 0.0) {
             (true, true) => ((a, EDGES[i]), (a, EDGES[i])),
             (true, false) => ((b, EDGES[next]), (b, EDGES[next])),
